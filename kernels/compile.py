@@ -82,7 +82,7 @@ OnCompile = Callable[[int], Callable[[], None]]
 
 SECONDS_A_MODULE = 1.0
 """Of one core, to compile a module: 19 s for the 22 that all scenes share, 11 s for 11 of a diffuse room, whose
-twelfth, for whole samples, takes 1.2 times as long as the one that shades vertices; with all effects 36 s for 15, whose
+twelfth, for whole samples, takes twice as long as the one that shades vertices; with all effects 36 s for 15, whose
 largest two take 15 s."""
 
 ALL_AT_ONCE = Features(traced=True)

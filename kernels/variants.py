@@ -12,11 +12,11 @@ from wdpm.kernels.camera.misses import make_path_misses
 from wdpm.kernels.camera.rays import make_camera_rays, make_visit_paths
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_shadow_segments, make_visit_walks
-from wdpm.kernels.camera.whole_samples import make_trace_samples
 from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.emit_photons import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
+from wdpm.kernels.whole_samples.trace import make_trace_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def make_variants(features: Features) -> Variants:
         pass_surfaces=make_pass_surfaces(at_surfaces) if features.walks else None,
         add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
-        trace_samples=make_trace_samples(features) if features.traced and not features.media else None,
+        trace_samples=None if features.media else make_trace_samples(features),
     )
 
 

@@ -27,6 +27,7 @@ from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.sample_weights import SampleWeights
 from wdpm.cluster.work.waves import Piece, sample_groups, waves
+from wdpm.cluster.work.whole.samples import NO_COUNTS
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
@@ -113,7 +114,7 @@ class BucketHome:
         """Add a wave's samples at once, if that can be: nothing of it is under way then."""
         if self._scene is None:
             return False
-        sums, cell, vertices = list(self._sums), self._cell.copy(), 0
+        sums, cell, counts = list(self._sums), self._cell.copy(), NO_COUNTS
         for piece in wave:
             group, weights = self._groups[piece.group], self._weights[piece.group]
             pixels: dict[str, NDArray[Any]] = {
@@ -128,11 +129,11 @@ class BucketHome:
             if traced is None:
                 return False
             sums[piece.group] = traced.sums
-            vertices += traced.vertices
+            counts = counts + traced.counts
             if piece.start == 0:
                 cell[group.rows] = np.where(traced.hit, self._scene.number, -1)
         self._sums, self._cell = sums, cell
-        self._scene.count_whole(vertices)
+        self._scene.count_whole(counts)
         return True
 
     def _weights_of(self, number: int) -> SampleWeights | None:

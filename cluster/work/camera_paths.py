@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
@@ -21,9 +21,10 @@ from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.shadows import Shadows
+from wdpm.cluster.work.whole.samples import Counts, WholeSamples, add_counts
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import add_samples, vertices, whole_samples
+from wdpm.kernels.camera import vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays
@@ -32,25 +33,8 @@ from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.ray_fields import HIT
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
+from wdpm.kernels.whole_samples.indirect_light import VERTICES
 from wdpm.scenes.errors import ProtocolError
-
-WHOLE_GRAIN = 256
-"""Samples below which handing a chunk of them to another thread costs more than it saves: of half a microsecond at
-least, mostly of several."""
-
-
-class TracedWhole(NamedTuple):
-    """What samples come to that were followed to their ends.
-
-    Attributes:
-        sums: of their pixels, with theirs (kernels.camera.add_samples.Sums).
-        hit: of each pixel, whether the first of them met a surface.
-        vertices: that they had beyond their first: of CameraPaths.vertices, once they count.
-    """
-
-    sums: Any
-    hit: NDArray[np.bool_]
-    vertices: int
 
 
 class CameraPaths:
@@ -77,6 +61,7 @@ class CameraPaths:
         self.beams = Beams(cell, store, replica, self.guards)
         self.gathering = PhotonGathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
+        self.whole = WholeSamples(trees, surfaces, store, replica)
         self.vertices = 0
 
     def begin_view(self) -> None:
@@ -88,49 +73,12 @@ class CameraPaths:
         self.guards.counts.clear()
         self.gathering.begin_view()
         self.final_gather.begin_view()
+        self.whole.begin_view(self._scene)
 
-    # Whole samples
-
-    @property
-    def traces_whole(self) -> bool:
-        """Whether samples can be followed from the camera to their ends in one launch, with the same bits.
-
-        In one cell, which has all that they meet; where no photon is asked, and nobody looks on.
-        """
-        replica, world = self._replica, self._replica.world
-        if replica.kernels.trace_samples is None or replica.observer is not None or world.top_tree.cells > 1:
-            return False
-        by = self._view.diffuse_light
-        return by is DiffuseLight.PATHS or (by is DiffuseLight.PHOTON_MAP and not any(m.paths for m in world.maps))
-
-    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> TracedWhole | None:
-        """Add samples `start` to `start + samples` of some pixels to their sums.
-
-        Args:
-            pixels: columns of kernels.camera.whole_samples.Pixels.
-            sums: so far (kernels.camera.add_samples.Sums), which stay what they are.
-
-        Returns:
-            what they come to; None where something happened that guards count: then all that is under way with them is
-            to be rendered in the other way.
-        """
-        replica, count = self._replica, len(pixels["pixel"])
-        device, shots = replica.launcher.device, self._view.light_samples
-        sums_out = columns.zeros(add_samples.Sums, count, device)
-        outcome = columns.empty(whole_samples.Outcome, count, device)
-        orders = replica.orders(shots, asks=False)
-        uploaded = columns.upload(whole_samples.Pixels, pixels, device, written=())
-        # Of one vertex at a time, and each launch has its own: they run at once.
-        rows, launches = {"seen": 1, "queries": 1, "shots": shots, "paths": 1}, []
-        for first, size in replica.launcher.chunks(count, max(1, WHOLE_GRAIN // samples)):
-            scratch = columns.empty_nested(vertices.Shaded, rows, device)
-            before = [self._scene, self._trees, uploaded, start, samples, orders, sums]
-            launches.append((size, [*before, first, scratch, sums_out, outcome]))
-        replica.launcher.run(replica.kernels.trace_samples, launches)
-        found = columns.download(outcome, ("hit", "vertices", "spoilt"))
-        if found["spoilt"].any():
-            return None
-        return TracedWhole(sums_out, found["hit"] > 0, int(found["vertices"].sum()))
+    def count_whole(self, counts: Counts) -> None:
+        """Count what samples did that were followed to their ends, now that they are not rendered again."""
+        self.vertices += int(counts[VERTICES])
+        add_counts(counts, self.gathering.counters, self.final_gather.counters)
 
     # Rays from the camera
 

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import GHOSTS, Arrays, Batch, Kind
 from wdpm.cluster.host_cache import CacheEntry
 from wdpm.cluster.work import tally
-from wdpm.cluster.work.camera_paths import CameraPaths, TracedWhole
+from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.guards import added
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_paths import PhotonPaths
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.whole.samples import Counts, TracedWhole
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.rays import cell_triangles, two_level
 from wdpm.kernels.rays.instances import upload_instances
@@ -102,19 +103,19 @@ class Cell:
 
     @property
     def traces_whole(self) -> bool:
-        """As CameraPaths.traces_whole."""
-        return self._camera_paths.traces_whole
+        """As WholeSamples.can_be."""
+        return self._camera_paths.whole.can_be
 
     def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> TracedWhole | None:
-        """As CameraPaths.trace_whole."""
-        added = self._camera_paths.trace_whole(pixels, start, samples, sums)
+        """As WholeSamples.trace."""
+        added = self._camera_paths.whole.trace(pixels, start, samples, sums)
         if self._in_files is not None:
             self._in_files.let_go()
         return added
 
-    def count_whole(self, vertices: int) -> None:
-        """Count the vertices of samples that were followed to their ends, now that these are not rendered again."""
-        self._camera_paths.vertices += vertices
+    def count_whole(self, counts: Counts) -> None:
+        """As CameraPaths.count_whole."""
+        self._camera_paths.count_whole(counts)
 
     def _check(self, batch: Batch) -> None:
         """Raise ProtocolError if a batch asks for what this cell or this scene does not have."""

@@ -17,7 +17,7 @@ from wdpm.cluster.work.guards import COINCIDENT, Guards
 from wdpm.cluster.work.photon_store import BuiltMap, PhotonStore
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.world import MapPlan
+from wdpm.cluster.world import MapPlan, World
 from wdpm.kernels import columns
 from wdpm.kernels.camera.vertices import Coats, Queries
 from wdpm.kernels.constants import MIN_GATHER_RADIUS
@@ -51,6 +51,11 @@ _GATHERED = {
 def fewer_of_rays(k: int) -> int:
     """Photons that a gather looks for where a gather ray arrives, by those where the camera looks."""
     return min(k, max(LEAST_K_OF_RAYS, round(k * K_SHARE_OF_RAYS)))
+
+
+def least_of(plan: MapPlan, world: World) -> float:
+    """Least radius of gathers of a map at vertices: a caustic stays as sharp as its photons lie densely."""
+    return 0.0 if plan is world.caustic_map else least_radius(plan.point_area, plan.radius)
 
 
 @dataclass
@@ -154,9 +159,7 @@ class PhotonGathering:
         runs = -(-columns.length(queries, "weight") // GATHER_RUN)
         depth = 0 if view is None else view.max_depth or 0
         search = {"photons": built.tree, "k": k, "r_max": plan.radius, "run": GATHER_RUN, **outputs}
-        # A caustic stays as sharp as its photons lie densely.
-        sharp = plan is replica.world.caustic_map
-        search["r_least"] = 0.0 if sharp else least_radius(plan.point_area, plan.radius)
+        search["r_least"] = least_of(plan, replica.world)
         if kernel is not None and (features.coated or depth):
             replica.launcher(
                 kernel,

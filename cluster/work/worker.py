@@ -151,8 +151,8 @@ class CellWorker:
         return outbox
 
     def _whole(self) -> Cell | None:
-        """The only cell, where it can follow samples from the camera to their ends at once."""
-        held = list(self.cells.values()) if self.holds_all else []
+        """The only cell, where it can follow samples from the camera to their ends at once, and has all they ask."""
+        held = list(self.cells.values()) if self.holds_all and not self._awaits_records else []
         return next((cell for cell in held if cell.traces_whole), None)
 
     def handle(self, batches: Sequence[Batch]) -> Outbox:

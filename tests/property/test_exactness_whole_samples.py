@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
 
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.whole.samples import WholeSamples
 from wdpm.images.image import Image
 from wdpm.kernels import columns
-from wdpm.kernels.camera.whole_samples import make_trace_samples
 from wdpm.kernels.features import ALL, Features
+from wdpm.kernels.whole_samples.trace import make_trace_samples
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.lights import PointLight
@@ -30,6 +30,10 @@ from wdpm.scenes.model.scene import Camera, FilterKind, Mesh, PixelFilter, Scene
 pytestmark = pytest.mark.own_kernels
 
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
+PHOTONS = replace(PATH, integrator=Integrator.PHOTONS, photons=1500, k=15, caustic_photons=700, caustic_k=12)
+MAP, GATHER, CACHE = (
+    replace(PHOTONS, indirect=indirect) for indirect in (Indirect.MAP, Indirect.GATHER, Indirect.CACHE)
+)
 
 
 def floor() -> Mesh:
@@ -57,16 +61,16 @@ SCENES = {
 def counted(monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> Iterator[list[int]]:
     """How many samples whole launches add, where there are any."""
     launched: list[int] = []
-    trace = CameraPaths.trace_whole
+    trace = WholeSamples.trace
 
-    def remember(self: CameraPaths, pixels: object, start: int, samples: int, sums: object) -> object:
+    def remember(self: WholeSamples, pixels: object, start: int, samples: int, sums: object) -> object:
         launched.append(samples)
         return trace(self, pixels, start, samples, sums)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(CameraPaths, "trace_whole", remember)
+        patch.setattr(WholeSamples, "trace", remember)
         if not whole:
-            patch.setattr(CameraPaths, "traces_whole", False)
+            patch.setattr(WholeSamples, "can_be", False)
         yield launched
 
 
@@ -78,26 +82,45 @@ def by_batches(monkeypatch: pytest.MonkeyPatch, scene: Scene, chosen: RenderSett
     return image
 
 
-@pytest.mark.parametrize("name", list(SCENES))
-def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen = replace(PATH, max_depth=4 if name == "panes" else None)
+def counted_of(image: Image) -> dict[str, object]:
+    """What a report says of camera samples, times left out."""
+    report = image.metadata["report"]
+    names = ("vertices", "gathers", "gathers_truncated", "gathers_left_band", "nonfinite", "guards")
+    gathers = {name: number for name, number in (report["final_gather"] or {}).items() if not name.endswith("_s")}
+    return {name: report[name] for name in names} | gathers
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen"),
+    [
+        *((name, replace(PATH, max_depth=4 if name == "panes" else None)) for name in SCENES),
+        *((name, CACHE) for name in SCENES),
+        *((name, GATHER) for name in ("metals", "coats", "panes")),
+        ("metals", replace(GATHER, caustic_photons=0)),
+        *((name, replace(way, max_depth=5)) for name in ("diffuse", "coats") for way in (GATHER, CACHE)),
+        *((name, replace(MAP, max_depth=depth)) for name, depth in (("diffuse", None), ("coats", None), ("coats", 4))),
+    ],
+)
+def test_the_same_bits(name: str, chosen: RenderSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = by_batches(monkeypatch, SCENES[name], chosen)
     with counted(monkeypatch, whole=True) as launched:
         image = alone(SCENES[name], chosen)
     assert sum(launched) >= chosen.spp  # more on outlines of lamps
     assert image.digest() == expected.digest()
-    vertices = [each.metadata["report"]["vertices"] for each in (image, expected)]
-    assert vertices[0] == vertices[1] > 0
+    assert counted_of(image) == counted_of(expected)
     assert all(expected.layers[layer].any() for layer in ("direct", "indirect"))
 
 
+@pytest.mark.parametrize("way", [PATH, CACHE], ids=["path", "photons"])
 @pytest.mark.parametrize("name", ["diffuse", "coats", "negative filter"])
-def test_waves_buckets_threads_and_cells_change_no_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = alone(SCENES[name], PATH)
+def test_waves_buckets_threads_and_cells_change_no_bit(
+    name: str, way: RenderSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = alone(SCENES[name], way)
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
-    monkeypatch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+    monkeypatch.setattr("wdpm.cluster.work.whole.samples.WHOLE_GRAIN", 8)
     for workers, cells, threads, bucket in ((1, 1, 3, 5), (3, 1, 1, 7), (2, 4, 2, 6)):
-        chosen = replace(PATH, bucket=bucket)
+        chosen = replace(way, bucket=bucket)
         order = random.Random(bucket)
         image = render_in_process(
             SCENES[name],
@@ -120,7 +143,7 @@ def test_a_launch_has_room_for_one_vertex_however_many_samples_it_follows(monkey
         return empty_nested(struct, counts, device)  # type: ignore[arg-type]
 
     with counted(monkeypatch, whole=True):
-        monkeypatch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+        monkeypatch.setattr("wdpm.cluster.work.whole.samples.WHOLE_GRAIN", 8)
         monkeypatch.setattr(columns, "empty_nested", remember)
         render_in_process(SCENES["diffuse"], PATH, workers=1, cells=1, threads=3)
     assert len(made) > 1
@@ -129,13 +152,13 @@ def test_a_launch_has_room_for_one_vertex_however_many_samples_it_follows(monkey
 
 def test_vertices_of_samples_that_are_rendered_again_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = by_batches(monkeypatch, SCENES["diffuse"], PATH)
-    trace, calls = CameraPaths.trace_whole, []
+    trace, calls = WholeSamples.trace, []
 
-    def spoilt_at_last(self: CameraPaths, pixels: object, start: int, samples: int, sums: object) -> object:
+    def spoilt_at_last(self: WholeSamples, pixels: object, start: int, samples: int, sums: object) -> object:
         calls.append(samples)  # of pixels on outlines of lamps, which take more, or of the others
         return trace(self, pixels, start, samples, sums) if len(calls) == 1 else None  # type: ignore[arg-type]
 
-    monkeypatch.setattr(CameraPaths, "trace_whole", spoilt_at_last)
+    monkeypatch.setattr(WholeSamples, "trace", spoilt_at_last)
     image = alone(SCENES["diffuse"], PATH)
     assert len(calls) == 2
     assert image.digest() == expected.digest()
@@ -159,7 +182,8 @@ def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.Monk
 @given(
     scene=scenes_with_effects(),
     chosen=st.builds(
-        lambda **changes: replace(PATH, all_effects=True, **changes),
+        lambda way, **changes: replace(way, all_effects=True, **changes),
+        way=st.sampled_from([PATH, MAP, GATHER, CACHE]),
         seed=st.integers(0, 2**32 - 1),
         max_depth=st.sampled_from([None, None, 1, 2, 4]),
         light_samples=st.sampled_from([1, 4]),
@@ -178,13 +202,12 @@ def test_random_scenes_of_all_effects_but_media(scene: Scene, chosen: RenderSett
         expected = by_batches(patch, scene, chosen)
         patch.setattr(Replica, "_choose_kernels", choose_kernels_that_follow_samples)
         patch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", wave)
-        patch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+        patch.setattr("wdpm.cluster.work.whole.samples.WHOLE_GRAIN", 8)
         with counted(patch, whole=True) as launched:
             image = render_in_process(scene, replace(chosen, bucket=8), workers=1, cells=1, threads=3)
     assert launched
     assert image.digest() == expected.digest()
-    for told in ("vertices", "nonfinite"):
-        assert image.metadata["report"][told] == expected.metadata["report"][told]
+    assert counted_of(image) == counted_of(expected)
 
 
 def without_media(scene: Scene) -> Scene:
@@ -200,18 +223,8 @@ def choose_kernels_that_follow_samples(self: Replica, features: Features) -> Non
 CHOOSE_KERNELS = Replica._choose_kernels
 
 
-@pytest.mark.parametrize(
-    ("scene", "chosen"),
-    [
-        (effect_scenes.fogs(), PATH),
-        (SCENES["diffuse"], replace(PATH, integrator=Integrator.PHOTONS, indirect=Indirect.MAP, photons=500)),
-        (SCENES["diffuse"], replace(PATH, integrator=Integrator.PHOTONS, indirect=Indirect.CACHE, photons=500)),
-    ],
-    ids=["media", "photons", "irradiance records"],
-)
-def test_what_needs_more_than_a_path_is_not_traced_whole(
-    scene: Scene, chosen: RenderSettings, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("chosen", [PATH, GATHER], ids=["path", "photons"])
+def test_samples_in_media_are_not_traced_whole(chosen: RenderSettings, monkeypatch: pytest.MonkeyPatch) -> None:
     with counted(monkeypatch, whole=True) as launched:
-        alone(scene, chosen)
+        alone(effect_scenes.fogs(), chosen)
     assert chosen.spp not in launched  # trials of the plan are of other numbers

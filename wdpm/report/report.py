@@ -202,13 +202,13 @@ class FinalGatherReport:
         rays: gather rays that arrived on a surface.
         short: that went on, being shorter than the radius of the estimate there.
         unread: that went on, since no irradiance was within reach.
-        read_s: time of looking it up.
+        read_s: time of looking it up, but for samples that are followed whole, whose gather rays are not timed.
         records: irradiance records of the view; made, or loaded.
         record_rays: gather rays that were shot to make them.
         records_s: wall-clock time of making them.
         interpolated: vertices whose indirect light came from records.
         uncovered: that no record reached, of surfaces that records serve: gather rays went on from there.
-        interpolated_s: time of interpolation.
+        interpolated_s: time of interpolation, but for samples that are followed whole.
     """
 
     points: int = 0
@@ -240,7 +240,7 @@ class Report:
         gathers: photon gathers of the render.
         gathers_truncated: those with fewer than k photons within the gather radius.
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
-        gathers_s: time of these, of all slaves together [s].
+        gathers_s: time of these, of all slaves together, but for samples that are followed whole [s].
         final_gather: what gather rays and irradiance records did, in renders that have any.
         nonfinite: samples that were NaN or infinite, by cause.
         guards: how often each guard acted, by cause (cluster.work.guards); those above and dropped triangles included.

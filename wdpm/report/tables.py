@@ -211,7 +211,7 @@ def _counts(report: Report) -> list[str]:
     ]
     lines.append(
         f"gathers: {report.gathers:,}, {report.gathers_truncated:,} with fewer photons than k, "
-        f"{report.gathers_left_band:,} gathers left the band" + _each(report.gathers_s, report.gathers)
+        f"{report.gathers_left_band:,} gathers left the band"
     )
     if report.vertices:
         cut = f"{report.chains_cut:,} paths cut at the limit"
@@ -254,18 +254,14 @@ def _final_gather(done: FinalGatherReport) -> list[str]:
     lines = [
         f"irradiance at photons: {done.points:,}" + _each(done.points_s, done.points),
         f"gather rays: {done.rays:,}, of which {_percent(done.short, done.rays)} were short and went on, "
-        f"{_percent(done.unread, done.rays)} found no irradiance and went on; reading" + _each(done.read_s, done.rays),
+        f"{_percent(done.unread, done.rays)} found no irradiance and went on",
     ]
     if done.records:
         lines.append(
             f"irradiance records: {done.records:,}, {done.record_rays:,} gather rays"
             + _each(done.records_s, done.records if done.record_rays else 0)
         )
-        lines.append(
-            f"interpolations: {done.interpolated:,}"
-            + _each(done.interpolated_s, done.interpolated)
-            + f"; {done.uncovered:,} places that no record reached"
-        )
+        lines.append(f"interpolations: {done.interpolated:,}; {done.uncovered:,} places that no record reached")
     return lines
 
 

@@ -5,8 +5,8 @@ With one cell nothing travels, and to write down what a ray found, sort it and r
 it. So here a path is followed to its end, by the functions of those kernels and with their random numbers, and what its
 vertices show is added in the order of their places (vertices.place_of, add_samples): the bits are the same.
 
-Nothing is said of what is not finite, nor of paths that are cut off. A pixel that meets any of it is told of, and
-whoever launched this has it rendered in the other way, which counts such things.
+Nothing is said of what is not finite, nor of paths that are cut off, nor of photons in one place. Samples that meet any
+of it are told of, and whoever launched this has them rendered in the other way, which counts such things.
 """
 
 from __future__ import annotations
@@ -23,12 +23,23 @@ from wdpm.kernels.camera.rays import begin_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.shading import make_shade
 from wdpm.kernels.camera.shadow_rays import SEGMENT_END, Passage, make_pass_through
-from wdpm.kernels.camera.vertices import SHOTS_LATER, Orders, Shaded
+from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, SHOTS_LATER, TRACE_ON, Orders, Shaded
 from wdpm.kernels.features import Features
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
+from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
+from wdpm.kernels.whole_samples.indirect_light import (
+    SPOILT,
+    VERTICES,
+    Decision,
+    KnownLight,
+    Notes,
+    count,
+    decide,
+    make_indirect_light,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -51,31 +62,15 @@ class Pixels:
 
 
 @wp.struct
-class Outcome:
-    """What the samples of each pixel came to, besides its sums.
-
-    Attributes:
-        hit: 1 where the first of the samples met a surface.
-        vertices: of all samples, beyond their first.
-        spoilt: 1 where something is not finite, or a path was cut off.
-    """
-
-    hit: wp.array[wp.int32]
-    vertices: wp.array[wp.int32]
-    spoilt: wp.array[wp.int32]
-
-
-@wp.struct
 class Sample:
     """What one sample comes to; depth is negative where it met nothing."""
 
     direct: wp.vec3d
     indirect: wp.vec3d
+    caustic: wp.vec3d
     normal: wp.vec3
     albedo: wp.vec3
     depth: wp.float32
-    vertices: wp.int32
-    spoilt: wp.int32
 
 
 @wp.func
@@ -146,29 +141,45 @@ def make_arriving(features: Features) -> wp.Function:
     return arriving
 
 
+@wp.func
+def finite_or_spoilt(radiance: wp.vec3, notes: wp.ref[Notes]) -> wp.vec3:
+    """What contributes to a sample, which is spoilt if that is not finite."""
+    if not wp.isfinite(radiance):
+        count(notes, SPOILT, 1)
+    return radiance
+
+
 @functools.cache
 def make_trace(features: Features) -> wp.Function:
-    """The function `trace` for a set of features: one sample, by (scene, trees, pixel, number, weight, orders, ...)."""
+    """The function `trace` for a set of features: one sample, by (scene, trees, known, pixel, number, weight, ...)."""
     camera_ray = make_camera(features)
     closest_hit = closest_function(features.instances)
     arriving = make_arriving(features)
     shade = make_shade(features)
     escaped = make_escaped(features)
+    indirect_light = make_indirect_light(features)
+    at_vertex = indirect_light.at_vertex
+    caustics = indirect_light.caustics
 
     @wp.func
     def trace(
         scene: wp.ref[Scene],
         trees: wp.ref[Trees],
+        known: wp.ref[KnownLight],
         pixel: wp.int32,
         number: wp.int32,
         weight: wp.float32,
         orders: Orders,
         scratch: wp.ref[Shaded],
+        keys: wp.array[wp.uint64],
+        ints: wp.array[wp.int32],
+        notes: wp.ref[Notes],
     ) -> Sample:
         """One sample.
 
         Args:
             scratch: of one vertex, for all of the path, one after another.
+            keys, ints: scratch of gathers.
         """
         found = Sample()
         found.depth = -1.0
@@ -186,9 +197,7 @@ def make_trace(features: Features) -> wp.Function:
             met = closest_hit(trees, p.origin, p.direction, hit_of(p))
             if met.prim < 0:
                 if wp.static(features.misses):
-                    beyond = escaped(scene, p, orders, scratch.stretches)
-                    if not wp.isfinite(beyond):
-                        found.spoilt = 1
+                    beyond = finite_or_spoilt(escaped(scene, p, orders, scratch.stretches), notes)
                     if p.diffuse > 1:
                         found.indirect += wp.vec3d(beyond * weight)
                     else:
@@ -196,37 +205,53 @@ def make_trace(features: Features) -> wp.Function:
             else:
                 p = arrived_at(p, met)
                 now = orders_at(orders, p.bounce)
+                decision = Decision()
+                p.action = TRACE_ON
+                if wp.static(features.traced):
+                    if orders.diffuse_light == BY_FINAL_GATHER:
+                        decision = decide(scene.surfaces, known, p, orders.max_depth, keys, ints, notes)
+                        p.action = decision.action
                 shade(scene, p, now, scratch)
                 lit = wp.vec3d()
                 for j in range(now.shots):
-                    if not wp.isfinite(scratch.shots.radiance[j]):
-                        found.spoilt = 1
+                    finite_or_spoilt(scratch.shots.radiance[j], notes)
                     lit += wp.vec3d(arriving(scene, trees, j, scratch) * weight)
-                emission = scratch.seen.emission[0]
-                if not wp.isfinite(emission):
-                    found.spoilt = 1
+                emission = wp.vec3d(finite_or_spoilt(scratch.seen.emission[0], notes) * weight)
+                gathered = wp.vec3d()
+                caustic = wp.vec3d()
+                if orders.diffuse_light != BY_PATHS:
+                    light = at_vertex(known, p, decision, orders, scratch, keys, ints, notes)
+                    gathered = wp.vec3d(finite_or_spoilt(light, notes) * weight)
+                    light = caustics(known, p, decision, orders, scratch, keys, ints, notes)
+                    caustic = wp.vec3d(finite_or_spoilt(light, notes) * weight)
                 if p.bounce == 0:
                     found.depth = scratch.seen.depth[0]
                     found.normal = scratch.seen.normal[0] * weight
                     found.albedo = scratch.seen.albedo[0] * weight
                     share = wp.float64(1.0) / wp.float64(orders.light_samples)
-                    found.direct = wp.vec3d(emission * weight) + lit * share
+                    found.direct = emission + lit * share
                 else:
-                    found.vertices += 1
+                    count(notes, VERTICES, 1)
                     if p.diffuse > 0:
                         found.indirect += lit
                     else:
                         found.direct += lit
                     if p.diffuse > 1:
-                        found.indirect += wp.vec3d(emission * weight)
+                        found.indirect += emission
                     else:
-                        found.direct += wp.vec3d(emission * weight)
-                throughput = scratch.paths.throughput[0]
-                if not wp.isfinite(throughput) or scratch.paths.bounce[0] >= _CHAIN_LIMIT:
-                    found.spoilt = 1
-                elif wp.max(throughput) > 0.0:
-                    p = camera_path(scene.camera, scratch.paths, 0)
-                    goes_on = 1
+                        found.direct += emission
+                found.indirect += gathered
+                if p.diffuse > 0:
+                    found.indirect += caustic
+                else:
+                    found.caustic += caustic
+                if wp.static(features.goes_on):
+                    throughput = finite_or_spoilt(scratch.paths.throughput[0], notes)
+                    if scratch.paths.bounce[0] >= _CHAIN_LIMIT:
+                        count(notes, SPOILT, 1)
+                    elif wp.max(throughput) > 0.0 and wp.isfinite(throughput):
+                        p = camera_path(scene.camera, scratch.paths, 0)
+                        goes_on = 1
         return found
 
     return trace
@@ -234,66 +259,71 @@ def make_trace(features: Features) -> wp.Function:
 
 @functools.cache
 def make_trace_samples(features: Features) -> wp.Kernel:
-    """The kernel `trace_samples` for a set of features without media, in which paths go on by diffuse parts."""
+    """The kernel `trace_samples` for a set of features without media."""
     trace = make_trace(features)
 
     @made_for(features)
     def trace_samples(
         scene: Scene,
         trees: Trees,
+        known: KnownLight,
         pixels: Pixels,
         start: wp.int32,
         samples: wp.int32,
         orders: Orders,
         sums: Sums,
-        offset: wp.int32,
+        first: wp.int32,
+        end: wp.int32,
         scratch: Shaded,
+        notes: Notes,
         sums_out: Sums,
-        outcome_out: Outcome,
+        hit_out: wp.array[wp.int32],
     ) -> None:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
 
+        It is launched for one item, which is pixels `first` to `end`: one sample is traced after another.
+
         Args:
-            orders: of first vertices; by BY_PATHS, or by BY_MAP where there are no photons.
+            orders: of first vertices.
             sums: so far.
-            scratch: of one vertex, and of this launch alone: one sample is traced after another.
+            scratch: of one vertex, and of this launch alone.
+            notes: of this launch alone.
+            hit_out: 1 where the first of the samples met a surface.
         """
-        i = offset + wp.tid()
-        direct = sums.direct[i]
-        indirect = sums.indirect[i]
-        normal = sums.normal[i]
-        albedo = sums.albedo[i]
-        depth = sums.depth[i]
-        hits = sums.hits[i]
-        first_hit = wp.int32(0)
-        vertices = wp.int32(0)
-        spoilt = wp.int32(0)
-        for s in range(samples):
-            weight = wp.float32(1.0)
-            if pixels.weight.shape[0] > 0:
-                weight = pixels.weight[i * samples + s]
-            found = trace(scene, trees, pixels.pixel[i], pixels.first[i] + start + s, weight, orders, scratch)
-            if found.depth >= 0.0:
-                hits += 1
-                depth += wp.float64(found.depth)
-                normal += wp.vec3d(found.normal)
-                albedo += wp.vec3d(found.albedo)
-                if s == 0:
-                    first_hit = 1
-            direct += found.direct
-            indirect += found.indirect
-            vertices += found.vertices
-            spoilt = wp.max(spoilt, found.spoilt)
-        sums_out.direct[i] = direct
-        sums_out.indirect[i] = indirect
-        sums_out.caustic[i] = sums.caustic[i]
-        sums_out.volume[i] = sums.volume[i]
-        sums_out.normal[i] = normal
-        sums_out.albedo[i] = albedo
-        sums_out.depth[i] = depth
-        sums_out.hits[i] = hits
-        outcome_out.hit[i] = first_hit
-        outcome_out.vertices[i] = vertices
-        outcome_out.spoilt[i] = spoilt
+        keys = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
+        ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
+        for i in range(first + wp.tid(), end):
+            direct = sums.direct[i]
+            indirect = sums.indirect[i]
+            caustic = sums.caustic[i]
+            normal = sums.normal[i]
+            albedo = sums.albedo[i]
+            depth = sums.depth[i]
+            hits = sums.hits[i]
+            hit_out[i] = 0
+            for s in range(samples):
+                weight = wp.float32(1.0)
+                if pixels.weight.shape[0] > 0:
+                    weight = pixels.weight[i * samples + s]
+                number = pixels.first[i] + start + s
+                found = trace(scene, trees, known, pixels.pixel[i], number, weight, orders, scratch, keys, ints, notes)
+                if found.depth >= 0.0:
+                    hits += 1
+                    depth += wp.float64(found.depth)
+                    normal += wp.vec3d(found.normal)
+                    albedo += wp.vec3d(found.albedo)
+                    if s == 0:
+                        hit_out[i] = 1
+                direct += found.direct
+                indirect += found.indirect
+                caustic += found.caustic
+            sums_out.direct[i] = direct
+            sums_out.indirect[i] = indirect
+            sums_out.caustic[i] = caustic
+            sums_out.volume[i] = sums.volume[i]
+            sums_out.normal[i] = normal
+            sums_out.albedo[i] = albedo
+            sums_out.depth[i] = depth
+            sums_out.hits[i] = hits
 
     return trace_samples

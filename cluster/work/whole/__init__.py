@@ -1,0 +1,1 @@
+"""Samples that are followed to their ends where they are."""

@@ -1,0 +1,1 @@
+"""Samples of pixels from the camera to the end of their paths, in one launch."""
