@@ -7,7 +7,9 @@ where these shine: under a lamp that lights a room by way of its ceiling few wou
 
 A ray that is shorter than the radius of that estimate would see it blurred, in corners above all: it goes on for one
 more bounce instead, as does one that finds none within reach, for as long as it takes. With an irradiance cache, gather
-rays start from its records, and elsewhere only where no record is near.
+rays start from its records, and elsewhere only where no record is near. And where rays would go on records are read,
+if there are any: those of earlier rounds tell those of later ones. What a bounce brings is one sample of all the light
+of a place, and in corners a third of a record's rays are short.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
+from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.irradiance.arrivals import ARRIVALS, read_arrivals
 from wdpm.kernels.irradiance.at_photons import read_irradiance
@@ -43,8 +46,8 @@ class FinalGatherCounters:
 
     Attributes:
         rays: gather rays that arrived on a surface.
-        short: that went on since they were shorter than the estimate's radius.
-        unread: that went on since no irradiance was within reach.
+        short: that went on since they were shorter than the estimate's radius, and no record was near.
+        unread: that went on since no irradiance was within reach, and no record near.
         interpolated: vertices whose indirect light came from records.
         uncovered: vertices that a record might have served, had there been one near.
         read_s, interpolated_s: wall-clock time of reading the map and the cache [s].
@@ -129,7 +132,9 @@ class FinalGather:
         count = len(arrays["slot"])
         arrived = arrays["diffuse"] > 0
         if self._store.irradiance is not None and arrived.all():
-            return self._arrive(self._store.irradiance, paths, arrays)
+            actions, found = self._arrive(self._store.irradiance, paths, arrays)
+            self._read_records(paths, arrays, found, actions)
+            return actions
         places = self._places(paths, count)
         actions = Actions(
             np.full(count, int(vertices.TRACE_ON), np.int32),
@@ -138,14 +143,15 @@ class FinalGather:
             np.zeros((count, 3), np.float32),
             columns.column(places, "length"),
         )
-        self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
+        found = self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
+        self._read_records(paths, arrays, found, actions)
         # Records are made for paths of one edge: from others all light is as many edges longer.
         later = arrays["edges"] > 1 if "edges" in arrays else False
         self._interpolate(places, np.flatnonzero(~arrived & ~(later & self._is_too_long(arrays, 1))), actions)
         return actions
 
-    def _arrive(self, points: Any, paths: Any, arrays: Arrays) -> Actions:
-        """As decide, where all are gather rays that have arrived, for which one kernel does it all.
+    def _arrive(self, points: Any, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
+        """As _read, where all are gather rays that have arrived, for which one kernel does it all.
 
         Args:
             points: irradiance at photons.
@@ -165,12 +171,10 @@ class FinalGather:
         )
         self.counters.read_s += time.perf_counter() - began
         told = columns.to_host(made)
-        reads = told["code"] == np.int32(vertices.CACHED)
-        near = int(np.count_nonzero(told["found"]))
         self.counters.rays += count
-        self.counters.unread += count - near
-        self.counters.short += near - int(np.count_nonzero(reads))
-        return Actions(told["code"], reads, self._is_too_long(arrays, 0), told["value"], told["length"])
+        reads = told["code"] == np.int32(vertices.CACHED)
+        actions = Actions(told["code"], reads, self._is_too_long(arrays, 0), told["value"], told["length"])
+        return actions, told["found"].astype(np.bool_, copy=False)
 
     def _is_too_long(self, arrays: Arrays, onward: int) -> NDArray[np.bool_]:
         """Where light of photons may be of longer paths than there are to be, shape [N].
@@ -207,17 +211,22 @@ class FinalGather:
             "footprint": pixel * across,
         }
 
-    def _read(self, places: Any, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions) -> None:
-        """Decide about gather rays that have arrived.
+    def _read(
+        self, places: Any, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions
+    ) -> NDArray[np.bool_]:
+        """Have gather rays that have arrived read irradiance at photons.
 
         Args:
             diffuse: diffuse scatterings before each vertex.
+
+        Returns:
+            the vertices that have any within reach, shape [N].
         """
         points, plan = self._store.irradiance, self._replica.world.irradiance
+        within = np.zeros(len(diffuse), np.bool_)
         self.counters.rays += len(rays)
         if points is None or not len(rays):
-            self.counters.unread += len(rays)
-            return
+            return within
         launcher, device = self._replica.launcher, self._replica.launcher.device
         made = columns.outputs({"value": wp.vec3, "radius": wp.float32, "found": wp.bool}, len(rays), device)
         began = time.perf_counter()
@@ -235,12 +244,36 @@ class FinalGather:
         value, radius, found = columns.to_host(made).values()
         near = found.astype(bool)
         long = (actions.length[rays] >= radius) | (diffuse[rays] > 1)
-        self.counters.unread += int(np.count_nonzero(~near))
-        self.counters.short += int(np.count_nonzero(near & ~long))
         reads = near & long
         actions.codes[rays[reads]] = int(vertices.CACHED)
         actions.by_photons[rays[reads]] = True
         actions.radiance[rays[reads]] = value[reads]
+        within[rays] = near
+        return within
+
+    def _read_records(self, paths: Any, arrays: Arrays, found: NDArray[np.bool_], actions: Actions) -> None:
+        """Have gather rays that would go on read records, where these tell of the place as well as records ask for.
+
+        What records read was read by others before them, at most one of each round: where light of too long paths might
+        be among it, none is read.
+
+        Args:
+            found: the vertices that have irradiance at a photon within reach.
+        """
+        going_on = (arrays["diffuse"] > 0) & (actions.codes == int(vertices.TRACE_ON))
+        rows = np.flatnonzero(going_on & ~self._is_too_long(arrays, self._view.cache.rounds))
+        if self._replica.cache is not None and len(rows):
+            device = self._replica.launcher.device
+            places = self._places(columns.chosen(Paths, paths, rows, device), len(rows))
+            among = np.flatnonzero(self._cacheable(places))
+            irradiance, weight = self._from_cache(places, among)
+            known = (weight > 0) & (weight >= np.float32(self._view.cache.wanted))
+            told = rows[among[known]]
+            actions.codes[told] = int(vertices.CACHED)
+            actions.radiance[told] = irradiance[known] * np.float32(INV_PI)
+            going_on[told] = False
+        self.counters.unread += int(np.count_nonzero(going_on & ~found))
+        self.counters.short += int(np.count_nonzero(going_on & found))
 
     def _interpolate(self, places: Any, rows: NDArray[np.intp], actions: Actions) -> None:
         """Decide about vertices that camera paths reach without a diffuse scattering."""

@@ -8,10 +8,11 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.cluster.work.final_gather import Actions, FinalGather, FinalGatherCounters
+from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.kernels.camera import vertices
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
@@ -19,7 +20,7 @@ from wdpm.scenes import cornell_box
 SCENE = cornell_box((16, 16))
 
 
-def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> Actions:
+def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
     """Places, readings and decisions one after another."""
     count = len(arrays["slot"])
     places = gather._places(paths, count)
@@ -30,27 +31,21 @@ def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> Actions:
         np.zeros((count, 3), np.float32),
         places.length.numpy(),
     )
-    gather._read(places, np.arange(count), arrays["diffuse"], actions)
-    return actions
+    return actions, gather._read(places, np.arange(count), arrays["diffuse"], actions)
 
 
 @pytest.mark.parametrize("indirect", [Indirect.CACHE, Indirect.GATHER])
 def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
     arrive, codes = FinalGather._arrive, Counter()
 
-    def both(gather: FinalGather, points: Any, paths: Any, arrays: Arrays) -> Actions:
-        before, gather.counters = gather.counters, FinalGatherCounters()
-        expected = step_by_step(gather, paths, arrays)
-        counted, gather.counters = gather.counters, FinalGatherCounters()
-        actions = arrive(gather, points, paths, arrays)
+    def both(gather: FinalGather, points: Any, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
+        expected, near = step_by_step(gather, paths, arrays)
+        actions, found = arrive(gather, points, paths, arrays)
+        np.testing.assert_array_equal(found, near)
         for name in ("codes", "by_photons", "by_length", "radiance", "length"):
             np.testing.assert_array_equal(getattr(actions, name), getattr(expected, name))
-        for name in ("rays", "short", "unread"):
-            assert getattr(gather.counters, name) == getattr(counted, name), name
-            setattr(before, name, getattr(before, name) + getattr(counted, name))
-        gather.counters = before
         codes.update(actions.codes.tolist())
-        return actions
+        return actions, found
 
     settings = RenderSettings(photons=2000, spp=2, indirect=indirect)
     plain = render_in_process(SCENE, settings, workers=1, threads=1)
