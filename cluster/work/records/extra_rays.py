@@ -71,13 +71,18 @@ def extra_rays(
 def standard_errors(radiance: Values, counts: Counts) -> Values:
     """Of the irradiance of records, as the spread of their strata tells it, shape [N].
 
-    It is an upper bound, about: neighbours differ by how light changes from stratum to stratum, too.
+    It is an upper bound, about: neighbours differ by how light changes from stratum to stratum, too. A stratum spreads
+    as those around it do, or as it differs from these: one ray that by chance meets the inside of a lamp, and has drawn
+    no others to it, is the error of the whole record. (Rays are shared out without it; errors only tell who is to be
+    averaged with whom.)
 
     Args:
         radiance: mean of each stratum's rays, mean of RGB, shape [N, rows, columns].
         counts: extra rays of each, the same shape.
     """
-    variance = (neighbours_spread(radiance) ** 2 / (counts + 1.0)).reshape(len(radiance), -1).cumsum(axis=1)[:, -1]
+    near, beside = around(radiance)
+    spread2 = np.maximum(neighbours_spread(radiance) ** 2, (radiance - near / beside) ** 2)
+    variance = (spread2 / (counts + 1.0)).reshape(len(radiance), -1).cumsum(axis=1)[:, -1]
     errors: Values = np.sqrt(variance) * (math.pi / radiance[0].size)
     return errors
 

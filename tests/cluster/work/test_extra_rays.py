@@ -184,3 +184,13 @@ def test_records_know_about_how_much_they_err() -> None:
         irradiance = np.pi * radiance.mean(axis=(1, 2))
         assert np.std(irradiance) < np.sqrt(np.mean(told**2)) < 2.5 * np.std(irradiance)
     assert standard_errors(np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.int64)) == 0.0
+
+
+def test_one_ray_that_met_what_no_other_did_is_the_error_of_its_record() -> None:
+    """The strata around it have got rays for it, which brought nothing."""
+    radiance = np.ones((1, ROWS, COLUMNS))
+    radiance[0, 2, 3] = 1.0 + radiance.size
+    counts = np.full(radiance.shape, 15, np.int64)
+    counts[0, 2, 3] = 0
+    chance = np.pi * radiance.size / radiance.size
+    assert standard_errors(radiance, counts)[0] == pytest.approx(chance, rel=0.1)
