@@ -3,10 +3,13 @@
 What a record's few hundred rays get wrong shows as a pearl or a blotch as wide as the record reaches. Its neighbours
 have met other rays, and light changes between them as their derivatives tell. So record i becomes the weighted mean of
 
-    e_j = E_j + 1/2 (D_i + D_j) (y_i - y_j),    D = (rotation, translation) by y = (normal, position),
+    e_j = E_j + (s_j² D_i + s_i² D_j) / (s_i² + s_j²) (y_i - y_j)
 
-over the records j around it, and its derivatives become theirs: the trapezoidal rule, which is off by a third
-derivative, where a mean of the E_j alone would be off by a second, and by a first at the edge of a wall. Weights are
+over the records j around it, with derivatives D = (rotation, translation) by y = (normal, position) and standard errors
+s, and its derivatives become theirs. Of two that are as sure of themselves that is the
+trapezoidal rule, which is off by a third derivative, where a mean of the E_j alone would be off by a second, and by a
+first at the edge of a wall. Of one that is not, the derivatives are no better than its value: a ray that met the
+inside of a lamp, a little way off, says that light changes at once. Weights are
 
     w_j = max(0, t_j)² max(0, 1 - (e_j - E_i)² / (APART² (s_i² + s_j²)))²
 
@@ -16,9 +19,9 @@ variances: Rousselle, Knaus & Zwicker 2012, "Adaptive Rendering with Non-Local M
 more than both may err see something that really differs, such as a shadow's edge, and stay apart. Both factors are the
 same for two records either way, so what one gives away the other takes, and the light of all stays what it is, about.
 
-Nothing is weighted by how sure it is. A record whose rays missed a small bright thing is darker and surer than one that
-hit it, and would outweigh it. For the same reason s is the record's own error or the mean of those around it, whichever
-is larger: one that believes itself exact by chance is taken for no better than others.
+No light is weighted by how sure it is. A record whose rays missed a small bright thing is darker and surer than one
+that hit it, and would outweigh it. For the same reason s is in weights the record's own error or the mean of those
+around it, whichever is larger: one that believes itself exact by chance is taken for no better than others.
 
 The result is a function of the set of records, bit for bit: sums are in the order of their numbers.
 """
@@ -63,6 +66,14 @@ def _nearness(cache: wp.ref[IrradianceCache], reach: wp.array[wp.float32], i: wp
     return t * t
 
 
+@wp.func
+def _share(error: wp.float32, other: wp.float32) -> wp.float32:
+    """What the variance of the first is of the sum of both; a half if both are exact."""
+    first = wp.float64(error) * wp.float64(error) + _TINY
+    second = wp.float64(other) * wp.float64(other) + _TINY
+    return wp.float32(first / (first + second))
+
+
 @wp.kernel
 def typical_variances(
     cache: IrradianceCache,
@@ -105,6 +116,7 @@ def typical_variances(
 def smooth(
     cache: IrradianceCache,
     reach: wp.array[wp.float32],
+    error: wp.array[wp.float32],
     variance: wp.array[wp.float64],
     count: wp.array[wp.int32],
     near: wp.array2d[wp.int32],
@@ -116,7 +128,7 @@ def smooth(
     """What each record becomes, one thread a record.
 
     Args:
-        reach: see typical_variances [N].
+        reach, error: see typical_variances [N].
         variance, count, near: as typical_variances gives them.
         irradiance_out: >= 0 [N].
         rotation_out, translation_out: its derivatives [N].
@@ -132,8 +144,10 @@ def smooth(
         j = near[i, k]
         w = _nearness(cache, reach, i, j)
         if w > 0.0:
-            turned = (cache.rotation[i] + cache.rotation[j]) * (0.5 * (n - cache.normal[j]))
-            moved = (cache.translation[i] + cache.translation[j]) * (0.5 * (x - cache.position[j]))
+            of_i = _share(error[j], error[i])
+            of_j = _share(error[i], error[j])
+            turned = (cache.rotation[i] * of_i + cache.rotation[j] * of_j) * (n - cache.normal[j])
+            moved = (cache.translation[i] * of_i + cache.translation[j] * of_j) * (x - cache.position[j])
             expected = cache.irradiance[j] + turned + moved
             apart = wp.float64(_grey(expected - cache.irradiance[i]))
             alike = wp.float32(wp.float64(1.0) - apart * apart / (APART * APART * (variance[i] + variance[j]) + _TINY))
@@ -177,5 +191,5 @@ def smoothed(records: Arrays) -> dict[str, NDArray[Any]]:
         "rotation": wp.empty(count, dtype=wp.mat33, device="cpu"),
         "translation": wp.empty(count, dtype=wp.mat33, device="cpu"),
     }
-    launch(smooth, count, [cache, reach, variance, *near, 0, *made.values()], "cpu")
+    launch(smooth, count, [cache, reach, error, variance, *near, 0, *made.values()], "cpu")
     return {name: array.numpy() for name, array in made.items()}

@@ -126,3 +126,19 @@ def test_it_does_not_matter_which_others_there_are() -> None:
     far = x[left][:, 0] < 0.5 - 0.45  # what is within reach of it, and within reach of that
     for name in some:
         np.testing.assert_array_equal(some[name][far], every[name][left][far])
+
+
+def test_what_one_ray_met_by_chance_is_shared_out_and_not_what_it_says_of_changes() -> None:
+    """One record is twice as bright, and says that light changes by as much on its way; it knows that it errs."""
+    x = places()
+    light = np.ones(len(x))
+    chance = int(np.argmin(((x - 0.5) ** 2).sum(axis=1)))
+    slope = np.zeros(len(x))
+    light[chance], slope[chance] = 2.0, 20.0
+    given = records(x, light, slope, NOISE)
+    given["error"][chance] = 1.0
+    after = smoothed(given)
+    found = after["irradiance"][:, 0]
+    assert found.max() < 1.3
+    assert found.sum() == pytest.approx(light.sum(), abs=0.3)
+    assert abs(after["translation"][:, 0, 0]).max() < 5.0
