@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.final_gather import Actions, FinalGather
+from wdpm.images.image import Image
 from wdpm.kernels.camera import vertices
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
@@ -53,3 +54,36 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
         checked = render_in_process(SCENE, settings, workers=1, threads=1)
     assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
     assert checked.digest() == plain.digest()
+
+
+def read_none(gather: FinalGather, _paths: Any, arrays: Arrays, _found: NDArray[np.bool_], actions: Actions) -> None:
+    """In place of FinalGather._read_records: all that would go on do."""
+    going_on = actions.codes[arrays["diffuse"] > 0] == int(vertices.TRACE_ON)
+    gather.counters.short += int(np.count_nonzero(going_on))
+
+
+def gone_on(image: Image) -> int:
+    """Gather rays that went on, short ones and others."""
+    done = image.report.final_gather
+    assert done is not None
+    return done.short + done.unread
+
+
+def test_rays_that_would_go_on_read_records_of_earlier_rounds() -> None:
+    """In corners of the Cornell box; its light stays what it is."""
+    scene = cornell_box((48, 48))
+    settings = RenderSettings(photons=20_000, spp=4, indirect=Indirect.CACHE)
+    read = render_in_process(scene, settings, workers=1, threads=1)
+    with mock.patch.object(FinalGather, "_read_records", read_none):
+        bounced = render_in_process(scene, settings, workers=1, threads=1)
+    assert 0 < gone_on(read) < 0.8 * gone_on(bounced)
+    assert read.layers["beauty"].mean() == pytest.approx(bounced.layers["beauty"].mean(), rel=0.01)
+
+
+def test_no_record_is_read_that_may_know_light_of_too_long_paths() -> None:
+    settings = RenderSettings(photons=2000, spp=2, indirect=Indirect.CACHE, max_depth=4)
+    limited = render_in_process(SCENE, settings, workers=1, threads=1)
+    with mock.patch.object(FinalGather, "_read_records", read_none):
+        bounced = render_in_process(SCENE, settings, workers=1, threads=1)
+    assert gone_on(limited) == gone_on(bounced) > 0
+    assert limited.digest() == bounced.digest()
