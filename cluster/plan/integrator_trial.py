@@ -253,7 +253,7 @@ def _with_photons_of_worth(
             error.of(plans.expected[number] / shares[number], spp, gathered=gathered[number])
             for number, error in errors.items()
         )
-        return (of_others + wrong) * price
+        return (of_others + PATCHES * wrong) * price
 
     gathered = {GLOBAL_MAP: photons.final_gathers, CAUSTIC_MAP: False}
     every = [

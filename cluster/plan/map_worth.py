@@ -174,6 +174,9 @@ GATHERED_BLUR = 0.1
 LEAST_HELD = 1e-4
 """Share of the k photons of a gather from which on fewer make no difference: so few are noise already."""
 
+TELL_BLUR = 1 << 14
+"""Photons of a pilot that tell blur: of 7,371 it was told to be 1.2 in a chapel where 29,266 told 41."""
+
 BLUR_K = 4
 """Blur is what k photons tell otherwise than this part of them, the nearest."""
 
@@ -300,7 +303,8 @@ def map_error(
 
     Two halves of the pilot's photons are gathered from by k and by fewer: the product of the differences is the square
     of what both miss, without the noise of either. Where the pilot has few, it is told by a smaller k, whose radius is
-    as much smaller; that is hardly more than a guess, so blur is then taken to be no less than in an ordinary room.
+    as much smaller. That, or what a short pilot tells, is hardly more than a guess, so blur is then taken to be no less
+    than in an ordinary room.
 
     Args:
         number: of the map.
@@ -339,7 +343,7 @@ def map_error(
     wider = stored / 2.0 * k / told
     of_one = radius2 * math.pi * wider
     blur = max(float((differences[0] * differences[1]).mean()), 0.0) * wider
-    if told < k:
+    if told < k or stored < TELL_BLUR:
         blur = max(blur, ORDINARY_BLUR * k * float((whole**2).mean()))
     held = 2.0 * told * reach**2 / radius2  # all photons are two halves
     return MapError(k, whole**2, noise * (told / k), area / of_one, blur, held)

@@ -69,6 +69,7 @@ def tried(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Trial:
         return trials[-1]
 
     monkeypatch.setattr(integrator_trial, "_ask_photons", noted)
+    monkeypatch.setattr(integrator_trial, "_surely_by_paths", lambda *_: None)
     settings = RenderSettings(integrator=Integrator.AUTO, spp=16)
     choose_settings(flatten(scene), settings, Launcher("cpu", 1), lambda features: compile_kernels("cpu", features))
     return trials[0]
