@@ -24,6 +24,9 @@ _INV_SPHERE = wp.constant(wp.float32(1.0 / (4.0 * math.pi)))
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
 _THIRD = wp.constant(wp.float32(1.0 / 3.0))
 
+COLUMNS_A_CUT = 4
+"""Patches of a row for each cut point: some four are left to be searched, in one line of the processor's cache."""
+
 
 @wp.struct
 class Environment:
@@ -34,6 +37,7 @@ class Environment:
         x, y, z: its local axes in the world.
         rows: share of all patches up to and with a row of them, [height - 1].
         columns: share of a row's patches up to and with a column, [height - 1, width].
+        row_cuts, column_cuts: where to look in `rows` and in each row of `columns` (see cut_points).
         sine: of theta in the middle of each row of patches, [height - 1].
         density: what (mean of the channels) times sine times 1 / sin(theta) is multiplied with to give the pdf.
     """
@@ -46,6 +50,8 @@ class Environment:
     z: wp.vec3
     rows: wp.array[wp.float32]
     columns: wp.array2d[wp.float32]
+    row_cuts: wp.array2d[wp.int32]
+    column_cuts: wp.array2d[wp.int32]
     sine: wp.array[wp.float32]
     density: wp.float32
 
@@ -74,6 +80,8 @@ def upload(pixels: NDArray[np.float32], axes: NDArray[np.float32], device: str) 
     rows, columns, sine, density = _distribution(pixels)
     environment.rows = wp.array(rows, dtype=wp.float32, device=device)
     environment.columns = wp.array(columns, dtype=wp.float32, device=device)
+    environment.row_cuts = wp.array(cut_points(rows[None]), dtype=wp.int32, device=device)
+    environment.column_cuts = wp.array(cut_points(columns), dtype=wp.int32, device=device)
     environment.sine = wp.array(sine, dtype=wp.float32, device=device)
     environment.density = density
     return environment
@@ -122,6 +130,27 @@ def cumulative_shares(weight: NDArray[np.float64]) -> NDArray[np.float32]:
     share = np.divide(total, last, out=np.ones_like(total), where=last > 0).astype(np.float32)
     share[total == last] = 1.0
     return share
+
+
+def cut_points(shares: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Where the search for a share begins and ends (Chen & Asau 1974, "On Generating Random Variates from an Empirical
+    Distribution").
+
+    Of m + 1 cut points entry g is the first column whose share exceeds g / m, or the last one: what exceeds a share
+    from g / m to (g + 1) / m lies between entries g and g + 1. As m is a power of two, shares are told apart exactly.
+
+    Args:
+        shares: up to and with each column, by row, never falling, at most 1, shape [rows, columns].
+
+    Returns:
+        shape [rows, m + 1].
+    """
+    rows, columns = shares.shape
+    m = 1 << max(0, (columns // COLUMNS_A_CUT).bit_length() - 1)
+    first = np.ceil(shares * np.float32(m)).astype(np.int64)  # the first cut that is not below each share
+    key = (np.arange(rows)[:, None] * (m + 1) + first).reshape(-1)
+    not_above = np.bincount(key, minlength=rows * (m + 1)).reshape(rows, m + 1).cumsum(axis=1)
+    return np.minimum(not_above, columns - 1).astype(np.int32)
 
 
 @wp.func
@@ -200,12 +229,19 @@ def environment_pdf(e: wp.ref[Environment], direction: wp.vec3) -> wp.float32:
 
 
 @wp.func
+def _cut_of(u: wp.float32, cuts: wp.int32) -> wp.int32:
+    """The cut point at or below a share."""
+    return wp.clamp(wp.int32(u * wp.float32(cuts)), 0, cuts - 1)
+
+
+@wp.func
 def _search_rows(e: wp.ref[Environment], u: wp.float32) -> wp.int32:
     """The first row of patches whose cumulative share exceeds u."""
-    low = wp.int32(0)
-    high = e.height - 2
+    cut = _cut_of(u, e.row_cuts.shape[1] - 1)
+    low = e.row_cuts[0, cut]
+    high = e.row_cuts[0, cut + 1]
     while low < high:
-        middle = (low + high) // 2
+        middle = (low + high) >> 1
         if e.rows[middle] <= u:
             low = middle + 1
         else:
@@ -215,10 +251,11 @@ def _search_rows(e: wp.ref[Environment], u: wp.float32) -> wp.int32:
 
 @wp.func
 def _search_columns(e: wp.ref[Environment], row: wp.int32, u: wp.float32) -> wp.int32:
-    low = wp.int32(0)
-    high = e.width - 1
+    cut = _cut_of(u, e.column_cuts.shape[1] - 1)
+    low = e.column_cuts[row, cut]
+    high = e.column_cuts[row, cut + 1]
     while low < high:
-        middle = (low + high) // 2
+        middle = (low + high) >> 1
         if e.columns[row, middle] <= u:
             low = middle + 1
         else:
