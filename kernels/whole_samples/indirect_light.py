@@ -18,7 +18,7 @@ from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance.arrivals import arrive
 from wdpm.kernels.irradiance.cache import interpolated
-from wdpm.kernels.irradiance.gather_places import place_at
+from wdpm.kernels.irradiance.gather_places import Place, place_at
 from wdpm.kernels.irradiance.record_tree import IrradianceCache
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.gather_guess import follow
@@ -85,6 +85,8 @@ class KnownLight:
         longest: edges of the longest paths that bring light to it.
         interpolates: 1 where there are irradiance records.
         records: these.
+        rounds: that they were made in.
+        wanted: least weight of records where a gather ray reads them.
         lambertian_sides: of each material, as scenes.flat.material_sides has them.
     """
 
@@ -96,6 +98,8 @@ class KnownLight:
     longest: wp.int32
     interpolates: wp.int32
     records: IrradianceCache
+    rounds: wp.int32
+    wanted: wp.float32
     lambertian_sides: wp.array[wp.int32]
 
 
@@ -151,6 +155,12 @@ def count(notes: wp.ref[Notes], what: wp.int32, times: wp.int32) -> None:
 
 
 @wp.func
+def may_be_cached(known: wp.ref[KnownLight], place: Place) -> wp.bool:
+    """Whether there are records, and the diffuse part of the seen side is Lambertian."""
+    return known.interpolates == 1 and (known.lambertian_sides[place.side >> 1] & (2 - (place.side & 1))) != 0
+
+
+@wp.func
 def decide(
     surfaces: wp.ref[Surfaces],
     known: wp.ref[KnownLight],
@@ -180,13 +190,20 @@ def decide(
                 decision.action = CACHED
                 decision.by_photons = 1
                 decision.radiance = arrival.value
-        count(notes, UNREAD, 1 - near)
-        count(notes, SHORT, near - decision.by_photons)
-    elif known.interpolates == 1:
+        # What records read was read by others before them, at most one of each round.
+        too_long = max_depth > 0 and p.edges + known.rounds + known.longest > max_depth
+        if decision.action == TRACE_ON and not too_long and may_be_cached(known, place):
+            told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
+            if told.weight > 0.0 and told.weight >= known.wanted:
+                decision.action = CACHED
+                decision.radiance = told.irradiance * INV_PI
+        if decision.action == TRACE_ON:
+            count(notes, UNREAD, 1 - near)
+            count(notes, SHORT, near)
+    else:
         # Records are made for paths of one edge: from others all light is as many edges longer.
         too_long = max_depth > 0 and p.edges > 1 and p.edges + 1 + known.longest > max_depth
-        sides = known.lambertian_sides[place.side >> 1]
-        if not too_long and (sides & (2 - (place.side & 1))) != 0:
+        if not too_long and may_be_cached(known, place):
             told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
             if told.weight > 0.0:
                 decision.action = CACHED

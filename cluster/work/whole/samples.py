@@ -142,6 +142,7 @@ class WholeSamples:
                 known.read_ahead, known.points = 1, store.irradiance
             if replica.cache is not None:
                 known.interpolates, known.records = 1, replica.cache
+                known.rounds, known.wanted = view.cache.rounds, view.cache.wanted
         return known
 
     def _gathered(self, number: int, k: int) -> Any:
