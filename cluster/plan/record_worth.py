@@ -42,7 +42,9 @@ def tolerance_of_records(
     if not cache.extra:
         return cache.tolerance
     looking = replace(flat, camera=small_camera(flat.camera, TRIAL_PIXELS))
-    whole = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP, light_samples=1)
+    paths = Integrator.PATH
+    without = tuple(effect for effect in settings.without if effect not in paths.algorithm.cannot_leave_out)
+    whole = replace(settings, integrator=paths, indirect=Indirect.MAP, light_samples=1, without=without)
     with without_photons(pilot) as worker:
         without_indirect = Halves(looking, worker, replace(settings, indirect=Indirect.MAP), learnt)
         by_path = Halves(looking, worker, whole, learnt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import window_room
@@ -38,6 +39,12 @@ def test_records_are_exact_where_samples_are_and_no_better_than_needed_where_the
 
 def test_it_is_the_same_on_any_number_of_threads_and_cells() -> None:
     assert tolerance(window_room.room(), threads=2, cells=4) == tolerance(window_room.room())
+
+
+@pytest.mark.parametrize("effect", ["caustics", "indirect"])
+def test_what_is_left_out_of_photon_maps_is_no_error_of_the_paths_that_are_tried(effect: str) -> None:
+    settings = replace(CACHED, photons=2000, spp=1, without=(effect,))
+    assert 0.0 < tolerance(cornell_box((16, 16)), settings) <= NO_CACHE.tolerance
 
 
 def test_without_a_cache_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
