@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.final_gather import Actions, FinalGather
+from wdpm.cluster.work.whole.samples import WholeSamples
 from wdpm.images.image import Image
 from wdpm.kernels.camera import vertices
 from wdpm.rendering.in_process import render_in_process
@@ -50,7 +51,8 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
 
     settings = RenderSettings(photons=2000, spp=2, indirect=indirect)
     plain = render_in_process(SCENE, settings, workers=1, threads=1)
-    with mock.patch.object(FinalGather, "_arrive", both):
+    # Samples that are followed whole have no such steps (tests/property/test_exactness_whole_samples.py).
+    with mock.patch.object(FinalGather, "_arrive", both), mock.patch.object(WholeSamples, "can_be", False):
         checked = render_in_process(SCENE, settings, workers=1, threads=1)
     assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
     assert checked.digest() == plain.digest()
