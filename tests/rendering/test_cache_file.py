@@ -50,8 +50,14 @@ def test_another_view_is_the_same_on_any_cluster(box: Scene, saved: tuple[Path, 
     assert digest(render(seen, load_cache=path, slaves=2, threads=2, **FEW)) == digest(alone)
 
 
-@pytest.mark.parametrize("other", [{"photons": 5000}, {"seed": 1}, {"k": 20}, {"max_depth": 4}])
-def test_records_of_other_photons_are_refused(box: Scene, saved: tuple[Path, Image], other: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    "other",
+    [
+        *({"photons": 5000}, {"seed": 1}, {"k": 20}, {"max_depth": 4}),
+        *({"caustic_photons": 5000}, {"caustic_k": 20}, {"caustic_radius": 0.01}, {"without": ("caustics",)}),
+    ],
+)
+def test_records_of_other_photons_are_refused(box: Scene, saved: tuple[Path, Image], other: dict[str, Any]) -> None:
     with pytest.raises(ImageError, match="of another scene, or of other photons"):
         render(box, load_cache=saved[0], **{**FEW, **other})
 

@@ -95,8 +95,8 @@ class Prepared:
     uncompiled: tuple[Features, ...] = ()
 
 
-OF_RECORDS = ("seed", "photons", "k", "radius", "max_depth")
-"""Settings that irradiance records depend on."""
+OF_RECORDS = ("seed", "photons", "k", "radius", "caustic_photons", "caustic_k", "caustic_radius", "max_depth")
+"""Settings that irradiance records depend on, which know of caustics that their rays have met."""
 
 NO_PHOTONS = PhotonPlan(0, MapPlan(), MapPlan(), MapPlan(), 1.0)
 """Stands for any plan of photons: cells can be used again under another."""
@@ -176,7 +176,7 @@ def prepare(
         # All but compiling is planning, from when the scene was read.
         seconds={"compile": compiling.seconds, "partition": time.perf_counter() - began - compiling.seconds},
         identity=_identity(digest(lit_scene, plan.world.extent), session.view, settings),
-        lit_scene=digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
+        lit_scene=digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS), "caustics" in settings.without),
         header=header_of(scene),
         uncompiled=tuple(reversed(compiling.uncompiled)),
     )
