@@ -15,13 +15,13 @@ from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
-from wdpm.progress import SilentProgress
+from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering import pass_journal
 from wdpm.rendering import passes as module
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import photon_plan, session_of, smaller_k
 from wdpm.rendering.passes import PassAverage, PassPlan, PassRenderer, shrink, spread_samples
-from wdpm.rendering.prepare import prepare
+from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.report.report import from_dict
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ImageError, SettingsError
@@ -261,6 +261,23 @@ def test_passes_that_are_added_take_samples_of_their_own(scene: Scene, image: Im
     assert longer.digest() == image.digest()
     assert notes == ["2 passes of 2 samples are done, so 3 take 6 samples in all, not 4"]
     assert longer.metadata["settings"]["spp"] == 6
+
+
+def test_passes_that_are_added_are_planned_by_the_samples_of_the_first(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    planned: list[int] = []
+    real = InProcess.prepare
+
+    def noted(backend: InProcess, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
+        planned.append(settings.samples_of_pass)
+        return real(backend, source, settings, progress)
+
+    monkeypatch.setattr(InProcess, "prepare", noted)
+    journal = tmp_path / "journal"
+    render(scene, replace(FEW, spp=5, passes=2), journal=journal, keep=True)
+    render(scene, replace(FEW, spp=4, passes=4), journal=journal, resume=True)
+    assert planned == [3, 3], "pilot, radii and what is chosen go by that"
 
 
 @pytest.fixture(scope="module")

@@ -182,6 +182,9 @@ def render_in_passes(
         )
     saved = read_journal(journal) if journal is not None and resume else None
     plans = plans_for(settings, () if saved is None else saved.plans)
+    asked = settings.spp
+    # Plans go by the samples of a pass: as many as in those that are done, or the others would not go on with them.
+    settings = replace(settings, spp=plans[-1].first_sample + plans[-1].spp)
     if journal is not None and saved is None:
         _refuse_to_overwrite(journal)
     own = None
@@ -194,6 +197,7 @@ def render_in_passes(
             image = _render_one(renderer, plans[0], cache)
         else:
             average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
+            _note_samples(plans, len(average.plans), asked, renderer.progress)
             image = _render_all(renderer, plans, average, journal, keep, log)
         if own is not None:
             own.remove()
@@ -217,6 +221,16 @@ def _render_one(renderer: PassRenderer, plan: PassPlan, cache: CacheFiles) -> Im
     return image
 
 
+def _note_samples(plans: Sequence[PassPlan], done: int, asked: int, progress: Progress) -> None:
+    """Tell a person if passes take other samples than were asked for."""
+    together = plans[-1].first_sample + plans[-1].spp
+    if together != asked:
+        progress.note(
+            f"{done} passes of {plans[0].spp} samples are done, so {len(plans)} take {together} samples "
+            f"in all, not {asked}"
+        )
+
+
 def _render_all(
     renderer: PassRenderer,
     plans: Sequence[PassPlan],
@@ -230,13 +244,6 @@ def _render_all(
     left = plans[len(average.plans) :]
     camera, bucket = prepared.session.view.camera, prepared.session.view.bucket
     buckets = -(-camera.width // bucket) * -(-camera.height // bucket)
-    asked = prepared.settings.spp
-    if plans[-1].first_sample + plans[-1].spp != asked:
-        together = plans[-1].first_sample + plans[-1].spp
-        progress.note(
-            f"{len(average.plans)} passes of {plans[0].spp} samples are done, so {len(plans)} take {together} samples "
-            f"in all, not {asked}"
-        )
     renderer.progress = PassProgress(progress, buckets, len(left))
     kept = True
     try:
