@@ -101,7 +101,7 @@ NO_CAUSTICS = PathCaustics(0.0, 0.0, np.zeros(0), 0.0, 0.0)
 
 def may_have_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
     """Whether a scene may have caustics that smooth surfaces make, which trials of few paths do not know of."""
-    return calls_for_caustics(flat, features, settings) and _smooth_alone(flat.materials) is not None
+    return calls_for_caustics(flat, features, settings) and _smooth_alone(flat) is not None
 
 
 def caustics_by_paths(
@@ -114,7 +114,7 @@ def caustics_by_paths(
         truth: that image, or about so, shape [height, width, 3].
         epsilon: added to squared radiance, as in relMSE.
     """
-    smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat.materials)
+    smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat)
     if smooth is None or not len(places.all("pixel")):
         return NO_CAUSTICS
     photons, light = caustic_photons_among(smooth, pilot)
@@ -148,15 +148,22 @@ def caustics_by_paths(
     )
 
 
-def _smooth_alone(table: MaterialTable) -> MaterialTable | None:
-    """The same materials, but what is rough reflects by diffuse parts alone; None if nothing glossy is left."""
+def _smooth_alone(flat: FlatScene) -> MaterialTable | None:
+    """The same materials, but what is rough reflects by diffuse parts alone; None if nothing glossy is left.
+
+    Shadow rays go straight through panes, so these count for nothing, but for what they reflect of lamps without size.
+    """
+    table, sizeless = flat.materials, len(flat.lights.delta_kind) > 0
     kind, value, texture = table.kind.copy(), table.value.copy(), table.texture.copy()
     smooth = False
     for node in range(len(table)):
         leaf = table.leaf(node)
-        if leaf is None or not leaf[0].glossy or leaf[0].straight:
+        if leaf is None or not leaf[0].glossy:
             continue
         of, row = leaf
+        if of.straight:
+            smooth = smooth or sizeless
+            continue
         if not (of.always_rough or of.is_rough(row)):
             smooth = True
             continue

@@ -34,7 +34,7 @@ from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.bsdfs import Conductor, Plastic
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Plastic, ThinDielectric
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Material, Scene
 
@@ -48,9 +48,9 @@ def settled(scene: Scene, threads: int = 1, **chosen: Any) -> ChosenSettings:
     return choose_settings(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
-def mirrored(scene: Scene, metal: Conductor = Conductor()) -> Scene:  # noqa: B008 - it is immutable
-    """The same with mirrors, or another metal, for all materials but the first one."""
-    others = tuple(Material(each.name, metal) for each in scene.materials[1:])
+def mirrored(scene: Scene, shiny: Bsdf = Conductor()) -> Scene:  # noqa: B008 - it is immutable
+    """The same with mirrors, or what else shines, for all materials but the first one."""
+    others = tuple(Material(each.name, shiny) for each in scene.materials[1:])
     return replace(scene, materials=(scene.materials[0], *others))
 
 
@@ -90,6 +90,12 @@ def test_light_that_is_mostly_indirect_is_for_photons_and_few_samples_are_not_wo
         pytest.param(fogs(), {}, "the scene has media", id="media"),
         pytest.param(dark(SMALL), {}, "nothing shines", id="dark"),
         pytest.param(mirrored(with_bulb(SMALL)), {"spp": 2, "all_effects": True}, "no path finds", id="no path finds"),
+        pytest.param(
+            mirrored(with_bulb(SMALL), ThinDielectric()),
+            {"spp": 2, "all_effects": True},
+            "no path finds",
+            id="panes mirror, too",
+        ),
     ],
 )
 def test_what_paths_cannot_do_is_for_photons(scene: Scene, chosen: dict[str, Any], words: str) -> None:
