@@ -110,7 +110,8 @@ class SlaveShell:
         if not self._network.stirred:
             return
         for number, connection in list(self._peers.items()):
-            if connection.broke():
+            # What is done about one may be a short job, whose rays find that another is gone.
+            if self._peers.get(number) is connection and connection.broke():
                 self._lose_peer(number)
 
     def sleep_s(self) -> float:
@@ -196,6 +197,8 @@ class SlaveShell:
 
     def _receive_answers(self) -> None:
         for number, connection in list(self._peers.items()):
+            if self._peers.get(number) is not connection:  # lost by what was done about another's answer
+                continue
             message = connection.receive()
             if isinstance(message, ProtocolError):
                 self.handle(s.PeerAnswered(number, protocol.Rejected(f"what cannot be read ({message})")))

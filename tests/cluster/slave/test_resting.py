@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from fake_worker import arrays
-from slave_driver import EPOCH, Driver
+from slave_driver import EPOCH, HELLO, PEER, WELCOME, Driver, part, setup
 from slave_driver import jobs as jobs_of
 
 from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.job_queue import FEW_ROWS, HOLD_S
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
+from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.transport.memory import MemoryTransport
 from wdpm.cluster.transport.transport import Role
 
@@ -74,3 +76,44 @@ def test_short_jobs_are_done_at_once_and_others_submitted() -> None:
     assert (len(submitted), len(done)) == (1, 1)
     assert not driver.slave.computes, "its outcome was taken in"
     network.close()
+
+
+def test_a_peer_whose_loss_a_short_job_finds_is_lost_once() -> None:
+    transport, now = MemoryTransport(), 0.0
+    network, others = transport.open(None), transport.open(None)
+    peers = [others.listen(f"memory://{name}", Role.SLAVE, FROM_PEER) for name in ("first", "third")]
+    submitted: list[jobs.Job] = []
+
+    def run_here(job: jobs.Job) -> s.Event:
+        onward = Batch.of_task(Kind.PHOTON, 5, 1, 2, 1, arrays(Kind.PHOTON, 1))
+        return s.Computed(jobs.Outcome(job, (onward,)))
+
+    shell = SlaveShell(
+        Slave(HELLO, "memory://nobody", 60.0, ClusterLimits(), None, HOLD_S),
+        network,
+        network.listen("memory://second", Role.SLAVE, FROM_PEER),
+        "memory://nobody",
+        submitted.append,
+        lambda _: None,
+        lambda: now,
+        run_here=run_here,
+    )
+    shell.handle(s.Start())
+    for said in (WELCOME, setup(peers=("memory://first", "memory://second", "memory://third")), part(1), part(3)):
+        shell.handle(s.MasterSaid(said))
+    shell.handle(s.Computed(jobs.Outcome(submitted.pop())))
+    shell.handle(s.PeerSaid(PEER, p.PeerHello("cluster", 0)))
+    shell.handle(s.PeerSaid(PEER, message(1)))
+    now += HOLD_S
+    shell.handle(s.Wake())
+    shell.handle(s.Computed(jobs.Outcome(submitted.pop())))
+    shell.handle(s.PeerSaid(PEER, message(1)))
+    now += HOLD_S
+    for peer in peers:
+        peer.close()
+    shell.find_broken_connections()  # of the first, by which rows for the third begin that have waited for long enough
+    assert shell.error is None
+    assert not shell.state.computes
+    assert not submitted
+    network.close()
+    others.close()
