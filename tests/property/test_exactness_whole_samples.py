@@ -97,6 +97,7 @@ def counted_of(image: Image) -> dict[str, object]:
         *((name, CACHE) for name in SCENES),
         *((name, GATHER) for name in ("metals", "coats", "panes")),
         ("metals", replace(GATHER, caustic_photons=0)),
+        ("coats", replace(CACHE, max_depth=14)),  # what records read might be too many edges long for gather rays
         *((name, replace(way, max_depth=5)) for name in ("diffuse", "coats") for way in (GATHER, CACHE)),
         *((name, replace(MAP, max_depth=depth)) for name, depth in (("diffuse", None), ("coats", None), ("coats", 4))),
     ],
