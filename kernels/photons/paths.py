@@ -267,9 +267,12 @@ def map_of(state: wp.int32, caustic: bool, stores_direct: wp.int32) -> wp.int32:
 @wp.func
 def survival_of(p: Photon, a: Arrival) -> wp.float32:
     """Chance to survive Russian roulette: the largest share of its flux that is scattered. Nothing is played for where
-    light goes straight on."""
+    light goes straight on. A photon too bright for single precision ends: of inf / inf it would survive for ever."""
     if a.scatters == 1:
-        return wp.min(1.0, wp.max(a.scattered) / wp.max(p.flux))
+        share = wp.max(a.scattered) / wp.max(p.flux)
+        if not wp.isfinite(share):
+            return 0.0
+        return wp.min(1.0, share)
     return 1.0
 
 
