@@ -29,6 +29,7 @@ def measure_effects(**options: Any) -> effects.EffectFigures:
     return effects.measure(few, InProcess(threads=1), SilentProgress(), size=(8, 6), rounds=2, **options)
 
 
+@pytest.mark.own_kernels
 def test_an_effect_is_paid_for_where_it_is_called_for() -> None:
     asked: list[Any] = []
 
