@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import pytest
-from fake_worker import make_session
+from fake_worker import make_session, triangles
 from master_driver import VERSIONS, A, B, Driver, hello, sent, tasks_of
 from record_rounds import FEW_A_TASK, cached, made
 
@@ -30,7 +29,10 @@ def to_first_round(slaves: int, cores: int = 0, **of_hello: Any) -> tuple[Driver
     for number, identity in enumerate((A, B)[:slaves]):
         driver.says(identity, replace(hello(number), **of_hello))
     driver(m.Begin(make_session(slaves, 1, paths=0, team_size=1, view=cached())))
-    for answer in (partial(p.PartitionReceived, cell=0), p.Ready, p.MapsBuilt):
+    for identity in (A, B)[:slaves]:
+        driver(m.PartitionMade(0, triangles(3)))
+        driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
+    for answer in (p.Ready, p.MapsBuilt):
         out = [i for identity in (A, B)[:slaves] for i in driver.says(identity, answer(driver.master.epoch(identity)))]
     return driver, out
 
