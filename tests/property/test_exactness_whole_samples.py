@@ -196,7 +196,7 @@ def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.Monk
 def test_random_scenes_of_all_effects_but_media(scene: Scene, chosen: RenderSettings, wave: int, bright: bool) -> None:
     """By kernels for all effects, but for the one that follows samples, which is for all of those that it knows."""
     scene = without_media(scene)
-    if bright:  # some of its light overflows
+    if bright and chosen.integrator == PATH.integrator:  # some of its light overflows; photons of it end a render
         star = PointLight("star", (0.3, 0.2, -0.9), (3e38, 1e38, 3e38))
         scene = replace(scene, lights=(*scene.lights, star))
     with pytest.MonkeyPatch.context() as patch, np.errstate(over="ignore", invalid="ignore"):
