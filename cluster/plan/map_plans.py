@@ -196,7 +196,7 @@ def _may_scatter(pilot: PhotonPilot, settings: RenderSettings) -> bool:
     return scatters and pilot.world.volume_map.paths > 0 and settings.volume_photons > 0
 
 
-MOST_RADIUS = 1e15
+MOST_RADIUS = 1e18
 """Of what a person may ask for, in the renderer's unit, in which a scene is of the order of 1; the least is one over
 it. Squares of all between are normal numbers in single precision."""
 
