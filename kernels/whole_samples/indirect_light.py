@@ -223,9 +223,9 @@ def make_reflected(features: Features) -> wp.Function:
     def reflected(
         of_map: wp.ref[GatheredMap],
         number: wp.int32,
+        diffuse: wp.int32,
         queries: wp.ref[Queries],
         coats: wp.ref[Coats],
-        k: wp.int32,
         max_depth: wp.int32,
         keys: wp.array[wp.uint64],
         ints: wp.array[wp.int32],
@@ -235,8 +235,12 @@ def make_reflected(features: Features) -> wp.Function:
 
         Args:
             number: of what is remembered of its last gather.
+            diffuse: vertices before it that reflected diffusely: above 0 a gather ray arrives.
             queries, coats: of the vertex alone.
         """
+        k = of_map.k
+        if diffuse > 0:
+            k = of_map.k_of_rays
         x = queries.position[0]
         guess = wp.float32(0.0)
         if notes.radius[number] > 0.0:
@@ -320,15 +324,12 @@ def make_indirect_light(features: Features) -> IndirectLight:
                 if plain and not asks and decision.action != TRACE_ON:
                     radiance = wp.cw_mul(scratch.queries.weight[0], decision.radiance)
         if asks and known.global_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0:
-            k = known.global_map.k
-            if p.diffuse > 0:
-                k = known.global_map.k_of_rays
             radiance = reflected(
                 known.global_map,
                 _OF_GLOBAL_MAP,
+                p.diffuse,
                 scratch.queries,
                 scratch.coats,
-                k,
                 orders.max_depth,
                 keys,
                 ints,
@@ -352,15 +353,12 @@ def make_indirect_light(features: Features) -> IndirectLight:
         if known.caustic_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0:
             ahead = decision.by_photons == 1 and decision.by_length == 0
             if not (ahead and lambertian(scratch.coats)):
-                k = known.caustic_map.k
-                if p.diffuse > 0:
-                    k = known.caustic_map.k_of_rays
                 radiance = reflected(
                     known.caustic_map,
                     _OF_CAUSTIC_MAP,
+                    p.diffuse,
                     scratch.queries,
                     scratch.coats,
-                    k,
                     orders.max_depth,
                     keys,
                     ints,
