@@ -46,24 +46,24 @@ def make_emission(features: Features) -> wp.Function:
         u_direction: wp.vec2,
         u_target: wp.float32,
     ) -> Emission:
-        e = Emission()
+        emitted = Emission()
         w = triangle_weights(u_position)
         normal = lights.normal[element]
-        e.origin = leave(point_of_triangle(lights, element, w), normal, lights.offset_min)
+        emitted.origin = leave(point_of_triangle(lights, element, w), normal, lights.offset_min)
         value = radiance_of(lights, textures, element, w) * lights.area[element]
         total = _HEMISPHERE
         if aimed == 1:
-            total = sum_of_cones(targets, e.origin, normal, 0.0)
+            total = sum_of_cones(targets, emitted.origin, normal, 0.0)
         if total < _HEMISPHERE:
-            a = aim(targets, e.origin, normal, 0.0, total, u_target, u_direction)
-            e.direction = a.vector
+            a = aim(targets, emitted.origin, normal, 0.0, total, u_target, u_direction)
+            emitted.direction = a.vector
             cosine = wp.dot(normal, a.vector)
             if cosine > 0.0 and a.pdf > 0.0:
-                e.flux = value * (cosine / a.pdf)
+                emitted.flux = value * (cosine / a.pdf)
         else:
-            e.direction = cosine_hemisphere(normal, u_direction)
-            e.flux = value * PI
-        return e
+            emitted.direction = cosine_hemisphere(normal, u_direction)
+            emitted.flux = value * PI
+        return emitted
 
     @wp.func
     def emit(
@@ -89,27 +89,27 @@ def make_emission(features: Features) -> wp.Function:
         towards = aimed
         if targets.count == 0:
             towards = 0
-        e = Emission()
+        emitted = Emission()
         if element < lights.triangles:
-            e = from_triangle(lights, textures, targets, towards, element, u_position, u_direction, u_target)
+            emitted = from_triangle(lights, textures, targets, towards, element, u_position, u_direction, u_target)
         if wp.static(features.delta_lights):
             if element >= lights.triangles and element < lights.first_environment:
                 number = element - lights.triangles
-                e = emit_delta(lights, textures, targets, towards, number, u_position, u_direction, u_target)
+                emitted = emit_delta(lights, textures, targets, towards, number, u_position, u_direction, u_target)
         if wp.static(features.environment):
             if element >= lights.first_environment:
                 found = sample_environment(lights.environment, u_direction)
                 value = wp.vec3(0.0)
                 if found.pdf > 0.0:
                     value = found.radiance / found.pdf
-                e = parallel_emission(lights, targets, towards, -found.direction, value, u_target, u_position)
-        e.element = element
-        e.light = lights.light[element]
-        e.medium = lights.medium[e.light]
+                emitted = parallel_emission(lights, targets, towards, -found.direction, value, u_target, u_position)
+        emitted.element = element
+        emitted.light = lights.light[element]
+        emitted.medium = lights.medium[emitted.light]
         if probability > 0.0:
-            e.flux = e.flux / probability
+            emitted.flux = emitted.flux / probability
         else:
-            e.flux = wp.vec3(0.0)
-        return e
+            emitted.flux = wp.vec3(0.0)
+        return emitted
 
     return emit

@@ -24,8 +24,8 @@ def parallel_emission(
     u: wp.vec2,
 ) -> Emission:
     """A photon of parallel light: through a point of the scene's silhouette, or of the spheres'."""
-    e = Emission()
-    e.direction = direction
+    emitted = Emission()
+    emitted.direction = direction
     radius = lights.scene_radius
     total = wp.float32(0.0)
     if aimed == 1:
@@ -34,12 +34,12 @@ def parallel_emission(
     if total > 0.0 and total < radius * radius:
         a = aim_parallel(targets, direction, total, u_target, u)
         through = a.vector
-        e.flux = irradiance / a.pdf
+        emitted.flux = irradiance / a.pdf
     else:
         d = concentric_disk(u) * radius
         through = around(direction, wp.vec3(d[0], d[1], 0.0))
-        e.flux = irradiance * (PI * radius * radius)
+        emitted.flux = irradiance * (PI * radius * radius)
     # It starts where its line enters the scene's sphere.
     through = through - direction * wp.dot(through, direction)
-    e.origin = through - direction * wp.sqrt(wp.max(0.0, radius * radius - wp.dot(through, through)))
-    return e
+    emitted.origin = through - direction * wp.sqrt(wp.max(0.0, radius * radius - wp.dot(through, through)))
+    return emitted

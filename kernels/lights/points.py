@@ -45,22 +45,22 @@ def emit_point(
     u_target: wp.float32,
 ) -> Emission:
     """A photon of a point light: even over the sphere, or aimed."""
-    e = Emission()
-    e.origin = lights.deltas.position[number]
+    emitted = Emission()
+    emitted.origin = lights.deltas.position[number]
     intensity = lights.deltas.color[number]
     total = _SPHERE
     axis = wp.vec3(0.0, 0.0, 1.0)
     if aimed == 1:
-        total = sum_of_cones(targets, e.origin, axis, -1.0)
+        total = sum_of_cones(targets, emitted.origin, axis, -1.0)
     if total < _SPHERE:
-        a = aim(targets, e.origin, axis, -1.0, total, u_target, u_direction)
-        e.direction = a.vector
+        a = aim(targets, emitted.origin, axis, -1.0, total, u_target, u_direction)
+        emitted.direction = a.vector
         if a.pdf > 0.0:
-            e.flux = intensity / a.pdf
+            emitted.flux = intensity / a.pdf
     else:
-        e.direction = uniform_sphere(u_direction)
-        e.flux = intensity * (4.0 * PI)
-    return e
+        emitted.direction = uniform_sphere(u_direction)
+        emitted.flux = intensity * (4.0 * PI)
+    return emitted
 
 
 @functools.cache

@@ -66,8 +66,8 @@ def make_projectors(features: Features) -> DeltaLightCode:
         u_direction: wp.vec2,
         u_target: wp.float32,
     ) -> Emission:
-        e = Emission()
-        e.origin = lights.deltas.position[number]
+        emitted = Emission()
+        emitted.origin = lights.deltas.position[number]
         axis = lights.deltas.z[number]
         cutoff = lights.deltas.cutoff[number]
         half_width = lights.deltas.number[number, _HALF_WIDTH]
@@ -75,20 +75,22 @@ def make_projectors(features: Features) -> DeltaLightCode:
         own = 1.0 - cutoff
         total = own
         if aimed == 1:
-            total = sum_of_cones(targets, e.origin, axis, cutoff)
+            total = sum_of_cones(targets, emitted.origin, axis, cutoff)
         if total < own:
-            a = aim(targets, e.origin, axis, cutoff, total, u_target, u_direction)
-            e.direction = a.vector
+            a = aim(targets, emitted.origin, axis, cutoff, total, u_target, u_direction)
+            emitted.direction = a.vector
             if a.pdf > 0.0:
-                e.flux = projector_intensity(lights, textures, number, e.direction) / a.pdf
+                emitted.flux = projector_intensity(lights, textures, number, emitted.direction) / a.pdf
         else:
             # Evenly over the picture at distance 1: pdf_solid_angle is 1 / (area cos³).
             x = (2.0 * u_direction[0] - 1.0) * half_width
             y = (2.0 * u_direction[1] - 1.0) * half_height
-            e.direction = wp.normalize(axis + lights.deltas.x[number] * x + lights.deltas.y[number] * y)
-            cosine = wp.dot(e.direction, axis)
+            emitted.direction = wp.normalize(axis + lights.deltas.x[number] * x + lights.deltas.y[number] * y)
+            cosine = wp.dot(emitted.direction, axis)
             area = 4.0 * half_width * half_height
-            e.flux = projector_intensity(lights, textures, number, e.direction) * (area * cosine * cosine * cosine)
-        return e
+            emitted.flux = projector_intensity(lights, textures, number, emitted.direction) * (
+                area * cosine * cosine * cosine
+            )
+        return emitted
 
     return DeltaLightCode(ProjectorLight.KIND.number, direct_projector, emit_projector)

@@ -72,24 +72,24 @@ def make_spots(features: Features) -> DeltaLightCode:
         u_direction: wp.vec2,
         u_target: wp.float32,
     ) -> Emission:
-        e = Emission()
-        e.origin = lights.deltas.position[number]
+        emitted = Emission()
+        emitted.origin = lights.deltas.position[number]
         axis = lights.deltas.z[number]
         cutoff = lights.deltas.cutoff[number]
         own = 1.0 - cutoff
         total = own
         if aimed == 1:
-            total = sum_of_cones(targets, e.origin, axis, cutoff)
+            total = sum_of_cones(targets, emitted.origin, axis, cutoff)
         weight = 2.0 * PI * own
         if total < own:
-            a = aim(targets, e.origin, axis, cutoff, total, u_target, u_direction)
-            e.direction = a.vector
+            a = aim(targets, emitted.origin, axis, cutoff, total, u_target, u_direction)
+            emitted.direction = a.vector
             weight = 0.0
             if a.pdf > 0.0:
                 weight = 1.0 / a.pdf
         else:
-            e.direction = around(axis, uniform_cone(u_direction, own))
-        e.flux = spot_intensity(lights, textures, number, e.direction) * weight
-        return e
+            emitted.direction = around(axis, uniform_cone(u_direction, own))
+        emitted.flux = spot_intensity(lights, textures, number, emitted.direction) * weight
+        return emitted
 
     return DeltaLightCode(SpotLight.KIND.number, direct_spot, emit_spot)

@@ -122,7 +122,7 @@ def make_emit_photons(features: Features) -> wp.Kernel:
         index = wp.uint32(number)
         streams = path_streams(orders.seed, purpose, number)
         start = start_numbers(scene.steering, index, streams, aimed)
-        e = emit(
+        emitted = emit(
             scene.lights,
             scene.textures,
             shares,
@@ -135,13 +135,13 @@ def make_emit_photons(features: Features) -> wp.Kernel:
         )
         p = without_hit(new_photon(path, orders.seed))
         p.edges = 1
-        p.medium = e.medium
-        p.light = e.light
-        p.origin = e.origin
-        p.direction = e.direction
-        p.flux = e.flux * start.weight
+        p.medium = emitted.medium
+        p.light = emitted.light
+        p.origin = emitted.origin
+        p.direction = emitted.direction
+        p.flux = emitted.flux * start.weight
         if wp.static(features.media):
-            if e.medium >= 0:
+            if emitted.medium >= 0:
                 p = into_medium(p, scene.media, scene.cells, scene.lights.offset_min)
         store_photon(p, i, flight_out)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -58,6 +61,32 @@ def test_names_of_all_modules_and_kernels_are_those_that_warp_gives_at_once() ->
     late_names, names = said(NAMES, ""), said(NAMES, "9.0.0")
     assert len(names) > 30
     assert late_names == names
+
+
+def numbers_of_warp_with_members(function: ast.FunctionDef) -> Iterator[str]:
+    """Variables of a function whose members it uses, and that are named as a number of Warp's."""
+    names = [node for node in ast.walk(function) if isinstance(node, ast.Name)]
+    own = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    of_members = [node.value for node in ast.walk(function) if isinstance(node, ast.Attribute)]
+    for name in {node.id for node in of_members if isinstance(node, ast.Name)} & own:
+        if isinstance(getattr(wp, name, None), (int, float)):
+            yield name
+
+
+def test_no_struct_is_named_as_a_number_of_warp() -> None:
+    """`e.flux` is taken for Euler's number until the function is compiled: its hash, and its name, would change then,
+    and a process that compiles it before it makes another that calls it gives that another name than one that does
+    not."""
+    kernels = Path(lazy_parsing.__file__).parent
+    functions = [
+        (path.name, node)
+        for path in sorted(kernels.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef)
+    ]
+    assert len(functions) > 500
+    clashes = [f"{name}: {at.name}: {each}" for name, at in functions for each in numbers_of_warp_with_members(at)]
+    assert clashes == []
 
 
 def test_no_function_is_parsed_where_all_is_compiled_and_remembered() -> None:
