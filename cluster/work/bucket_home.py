@@ -361,7 +361,7 @@ class BucketHome:
             "cell": self._cell,
         }
         layers = {
-            name: np.ascontiguousarray(layer.reshape(*self._shape, *layer.shape[1:]), np.float32)
+            name: np.ascontiguousarray(_in_single(layer).reshape(*self._shape, *layer.shape[1:]))
             for name, layer in flat.items()
             if name in layers_of(self._replica.world, self._view)
         }
@@ -377,6 +377,12 @@ class BucketHome:
             raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
         if batch.kind is Kind.LIT and len(slot) and batch.arrays["place"].min() < 0:
             raise ProtocolError("a lit batch has a place below 0")
+
+
+def _in_single(layer: NDArray[Any]) -> NDArray[np.float32]:
+    """In single precision. A sum of light that is finite may be beyond it, and is the largest number there is then."""
+    largest = np.finfo(np.float32).max
+    return np.clip(layer, -largest, largest).astype(np.float32)
 
 
 def _samples_of(

@@ -114,7 +114,8 @@ def tabulate_lights(
             scene without media. They tell which medium a light is in that names none.
 
     Raises:
-        SceneError: more than one environment, one that is too small, or a spot's texture that is not in `textures`.
+        SceneError: more than one environment, one that is too small, a spot's texture that is not in `textures`, or a
+            light that no float holds.
     """
     deltas = sorted((light for light in lights if isinstance(light, DeltaLight)), key=lambda light: light.KIND.number)
     environment = _only([light for light in lights if isinstance(light, Environment)])
@@ -136,6 +137,7 @@ def tabulate_lights(
         *(_medium(light, inside) for light in others),
     ]
     delta_rows = [light.row() for light in deltas]
+    _check_strengths(deltas, [row.color for row in delta_rows])
     return LightTable(
         emitter_radiance=radiance,
         emitter_texture=np.asarray(emitter_texture, np.int32),
@@ -159,6 +161,17 @@ def tabulate_lights(
         light=np.concatenate([emitter, len(emitters) + np.arange(len(others))]).astype(np.int32),
         names=(*(mesh.name for mesh in emitters), *(light.name for light in others)),
     )
+
+
+def _check_strengths(lights: Sequence[DeltaLight], colors: Sequence[tuple[float, ...]]) -> None:
+    """Raise SceneError if an intensity is beyond single precision where half the scene's longest side is the unit."""
+    largest = float(np.finfo(np.float32).max)
+    for light, color in zip(lights, colors, strict=True):
+        if not max(color) <= largest:
+            raise SceneError(
+                f'light "{light.name}" is brighter than single precision holds: {max(color):.2g} divided by the square '
+                f"of half the scene's size, and {largest:.2g} is the most; dim all lamps alike"
+            )
 
 
 def _only(environments: list[Environment]) -> list[Environment]:

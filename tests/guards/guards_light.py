@@ -144,10 +144,14 @@ GUARDS = (
         file="cluster/work/photon_store.py",
         prevents="one photon spoils its neighbourhood",
         changes=(("if not finite.all():", "if False:"),),
-        tests=(
-            STRICT + "test_guards_of_photons",
-            "tests/hard_cases/test_nonfinite.py::test_a_lamp_whose_power_overflows_is_told",
-        ),
+        tests=(STRICT + "test_guards_of_photons",),
+    ),
+    Guard(
+        name="lamps too bright for photons are refused",
+        file="wdpm/rendering/automatic_settings.py",
+        prevents="a flux beyond single precision ends a render, and no word names the lamp",
+        changes=(("lights.power.max() <= BRIGHTEST:", "True:"),),
+        tests=("tests/hard_cases/test_nonfinite.py::test_a_lamp_whose_photons_would_overflow_is_named",),
     ),
     Guard(
         name="roughness that float32 holds",

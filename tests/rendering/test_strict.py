@@ -14,6 +14,7 @@ from one_cell import FEW, one, ready
 import wdpm
 from wdpm.cli import main
 from wdpm.cluster.batch import Batch, Kind, zeros
+from wdpm.cluster.integrators.registry import Integrator
 from wdpm.cluster.plan import render_plan
 from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.task import BucketTask
@@ -27,17 +28,19 @@ from wdpm.kernels.photons.flight import BOUNCE_LIMIT
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
+from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse
 
 STRICT = replace(FEW, strict=True)
+BY_PATHS = replace(FEW, integrator=Integrator.PATH)  # photons of lamps beyond all proportion are refused
 PLACE = re.compile(r"pixel (\d+),(\d+), sample (\d+), vertex (\d+); .* --replay (\d+,\d+,\d+)")
 
 
-def square(height: float, facing: int, emission: tuple[float, float, float] | None = None) -> Mesh:
+def square(height: float, facing: int) -> Mesh:
     """A unit square at y = height that faces up (1) or down (-1)."""
     corners = np.array([[-0.5, height, -0.5], [-0.5, height, 0.5], [0.5, height, 0.5], [0.5, height, -0.5]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])[:, ::facing]
-    return Mesh(f"square at {height}", corners, faces, None, None, 0, emission)
+    return Mesh(f"square at {height}", corners, faces, None, None, 0)
 
 
 def too_bright() -> Scene:
@@ -46,9 +49,9 @@ def too_bright() -> Scene:
     to_world[:3, 3] = (0.0, 0.05, 1.0)
     return Scene(
         "too bright",
-        (square(0.0, 1), square(0.1, -1, (3e38, 3e38, 3e38))),
+        (square(0.0, 1),),
         (diffuse("white", (0.9, 0.9, 0.9), twosided=True),),
-        (),
+        (PointLight("star", (0.0, 0.1, 0.0), (5e37, 5e37, 5e37)),),
         Camera(to_world, fov_x=40.0, width=12, height=8),
     )
 
@@ -95,7 +98,7 @@ def test_a_sound_scene_renders_to_the_same_bits(scene: Scene) -> None:
 
 @pytest.mark.parametrize(("cells", "routing"), [(1, Routing.FORWARD), (4, Routing.FORWARD), (4, Routing.MERGE)])
 def test_the_sample_is_named_and_its_replay_shows_the_cause(cells: int, routing: Routing) -> None:
-    chosen = replace(STRICT, routing=routing)
+    chosen = replace(BY_PATHS, strict=True, routing=routing)
     with pytest.raises(GuardError) as caught:
         render_in_process(too_bright(), chosen, workers=min(cells, 2), cells=cells, threads=1)
     text = str(caught.value)
@@ -112,8 +115,8 @@ def test_the_sample_is_named_and_its_replay_shows_the_cause(cells: int, routing:
 
 
 def test_counts_add_up_over_workers_and_stand_in_the_report() -> None:
-    one_cell = render_in_process(too_bright(), FEW, workers=1, threads=1)
-    four = render_in_process(too_bright(), FEW, workers=2, cells=4, threads=1)
+    one_cell = render_in_process(too_bright(), BY_PATHS, workers=1, threads=1)
+    four = render_in_process(too_bright(), BY_PATHS, workers=2, cells=4, threads=1)
     assert acted(one_cell) == acted(four)
     count = acted(one_cell)[guards.DIRECT]
     assert 0 < count <= 12 * 8 * FEW.spp
@@ -141,7 +144,7 @@ def test_clamped_beams_are_counted_and_the_home_names_their_sample(cells: int, m
 @pytest.mark.sockets
 def test_a_slave_tells_the_master() -> None:
     with wdpm.Cluster.local(slaves=1) as cluster, pytest.raises(ClusterError, match=r"not finite.* --replay \d+,\d+,"):
-        cluster.render(too_bright(), STRICT)
+        cluster.render(too_bright(), replace(BY_PATHS, strict=True))
 
 
 def test_the_command_ends_with_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

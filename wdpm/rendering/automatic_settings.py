@@ -17,6 +17,7 @@ from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
+from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import FlatScene
 
 
@@ -49,9 +50,19 @@ def choose_settings(
     Args:
         flat: the scene without what is left out.
         compile_for: compiles kernels; called where a trial needs some.
+
+    Raises:
+        SceneError: light is to come by photons, and a lamp is too bright for them.
     """
     if not settings.algorithm.stands_for_others:
+        if settings.algorithm.shoots_photons and (bright := too_bright_for_photons(flat)):
+            raise SceneError(f"{bright}; dim all lamps alike, or render by paths (--integrator path)")
         return _settled(flat, settings, launcher, compile_for)
+    if bright := too_bright_for_photons(flat):
+        if why := reason_for_photons(flat, settings):
+            raise SceneError(f"{bright}; dim all lamps alike (integrator: {why})")
+        by_paths = _settled(flat, replace(settings, integrator=Integrator.PATH), launcher, compile_for)
+        return replace(by_paths, chose=(f"integrator: path, since {bright}", *by_paths.chose))
     if why := reason_for_photons(flat, settings):
         by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
@@ -61,6 +72,24 @@ def choose_settings(
     others = choice.indirect if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
     return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
+
+
+BRIGHTEST = 1e24
+"""Most flux of a lamp whose photons are followed, in the renderer's units [W].
+
+Single precision ends at 3.4e38. A gather divides flux by areas, of which the smallest that photons tell apart is some
+1e-12 of the scene's, and irradiance records have its change with place besides: 1e35 is the most of their numbers."""
+
+
+def too_bright_for_photons(flat: FlatScene) -> str | None:
+    """What is wrong with the brightest lamp of a scene, if no photon can carry its light; in words."""
+    lights = flat.lights
+    if not len(lights.power) or lights.power.max() <= BRIGHTEST:
+        return None
+    flux = np.bincount(lights.light, lights.power)
+    light = int(flux.argmax())
+    watts, most = flux[light] * flat.unit**2, BRIGHTEST * flat.unit**2
+    return f'lamp "{lights.names[light]}" shines with {watts:.2g} W, and photons here carry up to {most:.2g} W'
 
 
 def _settled(
