@@ -41,7 +41,7 @@ def read_request(text: str, pictures: Container[str]) -> ViewRequest:
     """
     try:
         message = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):  # the latter by brackets in brackets in brackets
         raise BadRequestError("a message is no JSON") from None
     if not isinstance(message, Mapping):
         raise BadRequestError("a message is no object")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import logging
 import secrets
 import tempfile
 import threading
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from aiohttp import WSMsgType, web
+from aiohttp.http import HttpProcessingError
 
 from wdpm.images.image import Image
 from wdpm.scenes.errors import ImageError, SettingsError
@@ -47,6 +49,17 @@ LONGEST_REQUEST = 4096
 
 FAREWELL_S = 2.0
 """How long pages may take for the last pixels."""
+
+LOG = logging.getLogger(__name__)
+"""Where errors of this server go."""
+
+
+def _is_of_the_server(record: logging.LogRecord) -> bool:
+    """Whether an error is no visitor's: one who speaks no HTTP is answered with 400, one who is gone with nothing."""
+    return not (record.exc_info and isinstance(record.exc_info[1], HttpProcessingError | ConnectionError))
+
+
+LOG.addFilter(_is_of_the_server)
 
 WRONG_TOKEN = "wrong address: open the whole one that wdpm printed, token included\n"
 
@@ -137,7 +150,9 @@ class ViewServer:
         application.router.add_get(f"/{self._token}/now.exr", self._exr)
         for path in PAGE:
             application.router.add_get(f"/{self._token}/{path}", self._page)
-        self._runner = web.AppRunner(application, access_log=None, handle_signals=False, shutdown_timeout=FAREWELL_S)
+        self._runner = web.AppRunner(
+            application, access_log=None, logger=LOG, handle_signals=False, shutdown_timeout=FAREWELL_S
+        )
         await self._runner.setup()
         try:
             await web.TCPSite(self._runner, address.host, address.port).start()
@@ -162,8 +177,8 @@ class ViewServer:
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
         """Who does not know the token learns nothing; pages of other sites reach nothing."""
-        token = request.path.split("/")[1]
-        if not secrets.compare_digest(token.encode(), self._token.encode()):
+        token = request.path.removeprefix("/").partition("/")[0]  # a proxy's requests may have a path without any "/"
+        if not secrets.compare_digest(token.encode(errors="replace"), self._token.encode()):
             return web.Response(status=403, text=WRONG_TOKEN, headers=HEADERS)
         origin = request.headers.get("Origin")
         if origin is not None and origin != f"http://{request.host}":
