@@ -21,7 +21,7 @@ from wdpm.images.image import Image, load
 from wdpm.progress import Progress
 from wdpm.scenes.errors import ClusterError, SettingsError
 
-dask = pytest.importorskip("dask", reason="Dask is not installed: pip install 'wdpm[dask]'")
+dask_config = pytest.importorskip("dask.config", reason="Dask is not installed: pip install 'wdpm[dask]'")
 distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'wdpm[dask]'")
 
 from wdpm.placing.dask_slaves import MOST_FAILURES, NO_WORKERS, DaskSlaves  # noqa: E402 - needs distributed
@@ -34,8 +34,14 @@ SETTINGS: dict[str, Any] = {"photons": 20_000, "spp": 32}
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    """Of two workers, in processes of their own, that nannies watch."""
+    """Of two workers, in processes of their own, that nannies watch.
+
+    15 s after it has lost a worker, a LocalCluster looks whether the nanny has started another one; if that one has
+    just been killed as well, the nanny is closed, and never starts one again. Here, where workers are killed again and
+    again, it waits for longer.
+    """
     with (
+        dask_config.set({"distributed.deploy.lost-worker-timeout": "1h"}),
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit="3GB", dashboard_address=None) as dask,
         distributed.Client(dask) as client,
     ):
@@ -211,7 +217,7 @@ def test_a_render_from_the_command_line(client: Any, alone: Image, tmp_path: Pat
 
 
 def test_no_scheduler(capsys: pytest.CaptureFixture[str]) -> None:
-    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+    with dask_config.set({"distributed.comm.timeouts.connect": "1s"}):
         assert main(["render", "cornell-box", "--dask", "tcp://127.0.0.1:9"]) == 1
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm:")]
     assert len(lines) == 1
