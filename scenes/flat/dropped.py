@@ -48,9 +48,13 @@ def mark_small(cause: NDArray[np.int8], meshes: Sequence[Solid], sizes: Sequence
         return
     for mesh, part in zip(meshes, np.split(cause, np.cumsum(sizes)[:-1]), strict=True):
         flat = np.flatnonzero(part == ZERO_AREA)
-        corners = mesh.vertices[mesh.faces[flat]]
-        has_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any(axis=1)
-        part[flat[has_area]] = TOO_SMALL
+        part[flat[have_area(mesh, flat)]] = TOO_SMALL
+
+
+def have_area(mesh: Solid, faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether faces of a mesh have an area where it was made, shape [F]; beside its scene it may be next to nothing."""
+    corners = mesh.vertices[mesh.faces[faces]]
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any(axis=1))
 
 
 def counted(cause: NDArray[np.int8]) -> dict[str, int]:

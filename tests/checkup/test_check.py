@@ -74,6 +74,7 @@ def test_sound_scenes_have_no_findings() -> None:
     ("kind", "scene", "count"),
     [
         ("zero-area", scene_of(box(), mesh_of([TRIANGLE, TRIANGLE[[0, 1, 1]]])), 1),
+        ("too-small", scene_of(mesh_of([TRIANGLE, [[-4, 0, 0], [1e8, 1, 0], [0, 4e8, 0]]])), 1),
         ("needles", scene_of(box(), mesh_of([[[0, 0, 2], [1e-6, 0, 2], [0, 1, 2]]])), 1),
         ("duplicates", scene_of(box(), mesh_of([TRIANGLE + 2, TRIANGLE[[1, 2, 0]] + 2])), 1),
         ("back-to-back", scene_of(box(), mesh_of([TRIANGLE + 2, TRIANGLE[::-1] + 2])), 1),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wdpm.checkup.findings import Finding, Level
 from wdpm.checkup.part import Part, is_two_sided, looks
 from wdpm.checkup.soup import Soup
-from wdpm.scenes.flat.dropped import NO_NORMAL, ZERO_AREA
+from wdpm.scenes.flat.dropped import NO_NORMAL, ZERO_AREA, have_area
 from wdpm.scenes.model.scene import Scene
 
 NEEDLE = 1e4
@@ -32,6 +32,15 @@ def check_triangles(part: Part, cause: NDArray[np.int8], longest: NDArray[np.flo
         texts = ("a mesh without triangles", "nothing of it is seen", "remove it, or find out where they went")
         yield part.finding(Level.WARNING, "empty-mesh", texts)
     flat = np.flatnonzero(cause[rows] == ZERO_AREA)
+    small = have_area(part.mesh, part.soup.row[rows][flat])
+    lost, flat = flat[small], flat[~small]
+    if len(lost):
+        texts = (
+            "triangles too small beside the whole scene to have an area in single precision",
+            "leaves them out: holes where they were",
+            "look for what lies far off (a stray vertex, a large ground), and remove it or make it smaller",
+        )
+        yield part.finding(Level.WARNING, "too-small", texts, lost)
     if len(flat):
         texts = (
             "triangles without area",
