@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,11 @@ _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
 
 def load(
-    source: str | Path | Meshes,
+    source: str | PathLike[str] | Meshes,
     *,
     defines: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
-    root: str | Path | None = None,
+    root: str | PathLike[str] | None = None,
     lenient: bool = False,
     camera: str | None = None,
     frame: Frame | str | None = None,
@@ -70,8 +71,9 @@ def load(
         if camera is not None or frame is not None or time is not None:
             raise SceneError("camera, frame and time are for files; set them in the scene of trimesh")
         return check_scene(read_trimesh(source, size))
-    if not isinstance(source, str | Path):
+    if not isinstance(source, str | PathLike):
         raise SceneError(f"{type(source).__name__} is no scene: expected a file, a built-in scene or meshes of trimesh")
+    source = source if isinstance(source, str) else Path(source)
     file = find(source)
     if file is None:
         _refuse_defines(defines, source)
@@ -136,7 +138,7 @@ def _refuse_view(asked: _Asked, source: str | Path) -> None:
         raise SceneError(f"{what}: {source} is built in and has one camera; give --camera FROM/AT to look elsewhere")
 
 
-def find(source: str | Path) -> Path | None:
+def find(source: str | PathLike[str]) -> Path | None:
     """The file of a scene, not read; None for a built-in one. Raises SceneError if it is neither."""
     if isinstance(source, str) and source.partition(":")[0] in BUILT_IN_NAMES:
         return None

@@ -9,7 +9,7 @@ image.save("image.exr")
 from __future__ import annotations
 
 import time
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 from wdpm.cluster.display import Display
@@ -39,11 +39,11 @@ def render(
     progress: Progress | None = None,
     display: Display | None = None,
     live: bool = False,
-    journal: str | Path | None = None,
+    journal: str | PathLike[str] | None = None,
     resume: bool = False,
     keep: bool = False,
-    save_cache: str | Path | None = None,
-    load_cache: str | Path | None = None,
+    save_cache: str | PathLike[str] | None = None,
+    load_cache: str | PathLike[str] | None = None,
     until_error: float | None = None,
     metric: str | None = None,
     time_budget: float | None = None,

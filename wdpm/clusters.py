@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from numbers import Real
+from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -148,7 +149,7 @@ class Cluster(Backend):
         *,
         most: int | None = None,
         copies: Copies | str = Copies.AUTO,
-        keys: str | Path | None = None,
+        keys: str | PathLike[str] | None = None,
         insecure: bool = False,
         join_timeout: float = JOIN_TIMEOUT_S,
         observers: Sequence[ClusterObserver] = (),
@@ -362,11 +363,11 @@ class Cluster(Backend):
         *,
         progress: Progress | None = None,
         live: bool = False,
-        journal: str | Path | None = None,
+        journal: str | PathLike[str] | None = None,
         resume: bool = False,
         keep: bool = False,
-        save_cache: str | Path | None = None,
-        load_cache: str | Path | None = None,
+        save_cache: str | PathLike[str] | None = None,
+        load_cache: str | PathLike[str] | None = None,
         **chosen: Any,
     ) -> Image:
         """Render a scene: the same bits as `wdpm.render`.

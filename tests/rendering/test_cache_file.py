@@ -13,7 +13,7 @@ import wdpm
 from wdpm.api import render
 from wdpm.cluster.records import NO_RECORDS
 from wdpm.cluster.render_settings import Indirect, Integrator
-from wdpm.images.image import Image
+from wdpm.images.image import Image, load
 from wdpm.rendering.cache_file import CacheNotWrittenError, read_records, write_records
 from wdpm.scenes.errors import ImageError, SettingsError
 from wdpm.scenes.model.scene import Scene
@@ -159,3 +159,24 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     path = tmp_path / "none"
     write_records(path, NO_RECORDS, "scene")
     assert len(read_records(path, "scene")) == 0
+
+
+class Named:
+    """What names a file, and is no Path: as py.path and others have it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+
+def test_files_may_be_named_by_whatever_stands_for_a_path(tmp_path: Path) -> None:
+    scene, image, records = (Named(tmp_path / name) for name in ("scene.obj", "image.exr", "a.records"))
+    scene.path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
+    assert wdpm.check(scene).file == str(scene.path)
+    settings: dict[str, Any] = {"photons": 500, "spp": 1, "indirect": "cache"}
+    small = wdpm.load(scene, size=(8, 8))
+    wdpm.render(small, save_cache=records, **settings).save(image)
+    again = wdpm.render(small, load_cache=records, journal=Named(tmp_path / "passes"), **settings)
+    assert load(image).digest() == again.digest()

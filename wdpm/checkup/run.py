@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from os import PathLike, fspath
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ __all__ = ["Checkup", "Finding", "Level", "check"]
 
 
 def check(
-    scene: Scene | str | Path,
+    scene: Scene | str | PathLike[str],
     *,
     defines: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
@@ -44,7 +45,7 @@ def check(
     """
     file = None
     if not isinstance(scene, Scene):
-        file = str(scene) if isinstance(scene, str | Path) and Path(scene).exists() else None
+        file = fspath(scene) if isinstance(scene, str | PathLike) and Path(scene).exists() else None
         scene = load(scene, defines=defines, size=size, lenient=lenient)
     findings = sorted_findings(_find(scene))
     return Checkup(scene.name, file, len(scene.meshes), sum(len(mesh.faces) for mesh in scene.meshes), findings)

@@ -11,6 +11,7 @@ import struct
 import uuid
 import zlib
 from collections.abc import Callable, Iterable, Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -118,7 +119,7 @@ def write_bytes(data: bytes, path: Path) -> None:
         raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
 
 
-def check_output_path(path: str | Path, extensions: tuple[str, ...] | None = None) -> Path:
+def check_output_path(path: str | PathLike[str], extensions: tuple[str, ...] | None = None) -> Path:
     """Find out before a render begins whether its result can be written, so that hours of work are not lost after it.
 
     Args:

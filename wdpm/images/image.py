@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,7 +124,7 @@ class Image:
 
     def save(
         self,
-        path: str | Path,
+        path: str | PathLike[str],
         *,
         exposure: float | str | None = None,
         view_transform: ViewTransform | str | None = None,
@@ -151,7 +152,7 @@ class Image:
         return files.png_bytes(self.to_srgb8())
 
 
-def load(path: str | Path) -> Image:
+def load(path: str | PathLike[str]) -> Image:
     """Read an image file: .exr, .png, .hdr, .pfm or .npy, by this or another program.
 
     Raises:

@@ -7,6 +7,7 @@ the same file gives the same image, bit for bit, on any cluster (array_file).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +33,14 @@ class CacheFiles:
     load: Path | None = None
 
     @classmethod
-    def named(cls, save: str | Path | None, load: str | Path | None) -> CacheFiles:
+    def named(cls, save: str | PathLike[str] | None, load: str | PathLike[str] | None) -> CacheFiles:
         """Those of these names, as people give them."""
         return cls(path_named(save), path_named(load))
 
 
-def path_named(given: str | Path | None) -> Path | None:
+def path_named(given: str | PathLike[str] | None) -> Path | None:
     """A path as people give it; SettingsError for what is none."""
-    if not isinstance(given, str | Path | None):
+    if not isinstance(given, str | PathLike | None):
         raise SettingsError(f"{given!r} is no name of a file or folder")
     return None if given is None else Path(given)
 

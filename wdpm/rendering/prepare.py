@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from pathlib import Path
+from os import PathLike
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -52,7 +52,7 @@ from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
 from wdpm.startup import let_collector_go
 
-Source: TypeAlias = "Scene | str | Path | Meshes | Callable[[], Scene]"
+Source: TypeAlias = "Scene | str | PathLike[str] | Meshes | Callable[[], Scene]"
 """A scene, or how to get it: a file, a built-in scene's name, meshes of trimesh, or a function that is called once.
 
 Whoever gives a function need not hold the scene while it is rendered, so the master can let go of what it has sent.
