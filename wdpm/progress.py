@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, TextIO
 
@@ -12,6 +13,10 @@ from wdpm.cluster.progress import ProgressObserver
 if TYPE_CHECKING:
     from rich.console import Console
 
+EVEN = 1.5
+"""How many times faster or slower than the whole the later half of a phase may be for its end to be foretold."""
+
+MARK_INTERVAL_S = 0.25
 PLAIN_INTERVAL_S = 2.0  # a log file of a long render stays short enough to read
 
 
@@ -38,6 +43,45 @@ class SilentProgress:
         pass
 
 
+class TimeLeft:
+    """Foretells how long a phase will still take, where it goes on evenly enough for that.
+
+    Args:
+        began: when the phase did [s].
+        total: units of work; None where nobody knows.
+    """
+
+    def __init__(self, began: float, total: int | None) -> None:
+        self._began, self._total = began, total
+        self._marks = deque([(began, 0)])  # when so much was done, from before the middle of the time on
+        self._done = 0
+
+    def advance(self, now: float, amount: int) -> None:
+        """Units are done."""
+        self._done += amount
+        if now - self._marks[-1][0] >= MARK_INTERVAL_S:
+            self._marks.append((now, self._done))
+
+    def seconds(self, now: float) -> float | None:
+        """The time left [s]; None where it cannot be told.
+
+        It is told by the later half of the time so far, and only if that went about as fast as the whole: work of which
+        the first units take long (kernels that are compiled, records that nobody has made yet) says nothing of its end.
+        """
+        elapsed = now - self._began
+        if not self._total or not self._done or elapsed <= 0:
+            return None
+        while len(self._marks) > 1 and self._marks[1][0] <= self._began + elapsed / 2:
+            self._marks.popleft()
+        since, before = self._marks[0]
+        recent, whole = (self._done - before) / (elapsed / 2), self._done / elapsed
+        if since > self._began:
+            recent = (self._done - before) / (now - since)
+        if not whole / EVEN < recent < whole * EVEN:
+            return None
+        return max(self._total - self._done, 0) / recent
+
+
 class PlainProgress:
     """Lines for a log file: one when a phase begins and ends, and at most one every two seconds between.
 
@@ -53,11 +97,13 @@ class PlainProgress:
         self._total: int | None = None
         self._done = 0
         self._started = self._last_line = 0.0
+        self._left = TimeLeft(0.0, None)
 
     def start(self, phase: str, total: int | None = None) -> None:
         self.finish()
         self._phase, self._total, self._done = phase, total, 0
         self._started = self._last_line = self._clock()
+        self._left = TimeLeft(self._started, total)
         self._print(f"{phase} ...")
 
     def advance(self, amount: int = 1) -> None:
@@ -65,9 +111,10 @@ class PlainProgress:
         if not amount and self._total is None:
             return  # a sign of life tells a reader of the log nothing
         now = self._clock()
+        self._left.advance(now, amount)
         if now - self._last_line >= PLAIN_INTERVAL_S:
             self._last_line = now
-            self._print(f"{self._phase}: {self._state(now - self._started)}")
+            self._print(f"{self._phase}: {self._state(now)}")
 
     def note(self, text: str) -> None:
         self._print(text)
@@ -80,10 +127,11 @@ class PlainProgress:
             self._print(f"{self._phase}: {ending} in {elapsed:.1f} s")
             self._phase = None
 
-    def _state(self, elapsed: float) -> str:
+    def _state(self, now: float) -> str:
         if self._total is None:
             return f"{self._done:,}"
-        left = f", about {elapsed * (self._total / self._done - 1):.0f} s left" if self._done else ""
+        seconds = self._left.seconds(now)
+        left = "" if seconds is None else f", about {seconds:.0f} s left"
         return f"{self._done:,} of {self._total:,} ({self._done / max(self._total, 1):.0%}){left}"
 
     def _print(self, text: str) -> None:

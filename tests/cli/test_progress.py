@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 
 import pytest
 from rich.console import Console
 
-from wdpm.progress import BarProgress, PlainProgress, SilentProgress, make_progress
+from wdpm.progress import BarProgress, PlainProgress, SilentProgress, TimeLeft, make_progress
 
 
 class Clock:
@@ -68,12 +69,36 @@ def test_signs_of_life_are_no_lines_where_there_is_nothing_to_count() -> None:
 
 
 def test_the_time_left_is_in_proportion() -> None:
-    stream, clock = io.StringIO(), Clock()
-    progress = PlainProgress(stream, clock)
-    progress.start("photons", 400)
-    clock.now += 10
-    progress.advance(100)
-    assert stream.getvalue().splitlines()[-1] == "photons: 100 of 400 (25%), about 30 s left"
+    left = TimeLeft(5.0, 400)
+    assert left.seconds(5.0) is None
+    for second in range(1, 11):
+        left.advance(5.0 + second, 10)
+    assert left.seconds(15.0) == pytest.approx(30.0)
+
+
+def test_the_time_left_goes_by_what_is_fast_now() -> None:
+    """Something had to be waited for at first: kernels, or a slave."""
+    left = TimeLeft(0.0, 300)
+    for tenth in range(31, 151):
+        left.advance(tenth / 10, 1)
+    assert left.seconds(15.0) == pytest.approx(18.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "done",
+    [
+        lambda second: second**2,  # ever faster
+        lambda second: 1 if second < 8 else 100,  # a first unit that took long
+        lambda second: 100 if second < 5 else 101,
+        lambda second: 0 if second < 10 else 5,
+    ],
+)
+def test_of_uneven_work_no_end_is_foretold(done: Callable[[int], int]) -> None:
+    left, before = TimeLeft(0.0, 1000), 0
+    for second in range(1, 11):
+        left.advance(float(second), done(second) - before)
+        before = done(second)
+    assert left.seconds(10.0) is None
 
 
 def test_plain_lines_of_several_phases_notes_and_a_failure() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wdpm.cluster.display import OF_NOBODY, Bucket, Frame, SlaveSeen
+from wdpm.progress import TimeLeft
 
 NOTES = 200
 """Lines that are kept."""
@@ -60,7 +61,7 @@ class Status:
         self._began = clock()
         self._phase, self._done = "", 0
         self._total: int | None = None
-        self._phase_began = self._began
+        self._left = TimeLeft(self._began, None)
         self._notes: deque[str] = deque(maxlen=NOTES)
         self._slaves: list[SlaveStatus] = []
         self._errors: list[list[float]] = []
@@ -75,11 +76,12 @@ class Status:
     def start(self, phase: str, total: int | None) -> None:
         """A phase begins."""
         self._phase, self._total, self._done = phase, total, 0
-        self._phase_began = self._clock()
+        self._left = TimeLeft(self._clock(), total)
 
     def advance(self, amount: int) -> None:
         """Units of it are done."""
         self._done += amount
+        self._left.advance(self._clock(), amount)
 
     def note(self, text: str) -> None:
         """A line for the person."""
@@ -146,18 +148,12 @@ class Status:
             "phase": self._phase,
             "total": self._total,
             "done": self._done,
-            "left": self._left(now),
+            "left": self._left.seconds(now),
             "notes": list(self._notes),
             "errors": list(self._errors),
             "slaves": [_of_slave(slave, now) for slave in list(self._slaves)],
             "ended": self._ended,
         }
-
-    def _left(self, now: float) -> float | None:
-        """Seconds that the phase will still take, if it goes on as it did."""
-        if not self._total or not self._done:
-            return None
-        return (now - self._phase_began) * max(self._total / self._done - 1.0, 0.0)
 
 
 def _of_slave(slave: SlaveStatus, now: float) -> dict[str, Any]:
