@@ -5,22 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from furnaces import Array, quad, rendered, scene, view
+from polygon_light import polygon_irradiance
 
 from wdpm.scenes.model.lights import PointLight
 
 ALBEDO = (0.8, 0.4, 0.1)
 RADIANCE = (10.0, 5.0, 1.0)
-
-
-def irradiance_of_polygon(corners: Array, point: Array, normal: Array) -> float:
-    """Irradiance of a polygon of radiance 1, wholly above the horizon (Lambert 1760): 1/2 sum of angle * (n . edge)."""
-    arms = corners - point
-    arms /= np.linalg.norm(arms, axis=1, keepdims=True)
-    total = 0.0
-    for one, other in zip(arms, np.roll(arms, -1, axis=0), strict=True):
-        axis = np.cross(one, other)
-        total += np.arccos(np.clip(one @ other, -1, 1)) * float(normal @ axis) / float(np.linalg.norm(axis))
-    return abs(total) / 2
 
 
 def test_the_formula_gives_the_textbooks_form_factor() -> None:
@@ -32,7 +22,7 @@ def test_the_formula_gives_the_textbooks_form_factor() -> None:
         + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
     ) / (2 * np.pi)
     corners = np.array([[0, c, 0], [a, c, 0], [a, c, b], [0, c, b]], float)
-    irradiance = irradiance_of_polygon(corners, np.zeros(3), np.array([0.0, 1, 0]))
+    irradiance = polygon_irradiance(corners, np.zeros(3), np.array([0.0, 1, 0]))
     assert irradiance == pytest.approx(np.pi * textbook, rel=1e-12)
 
 
@@ -59,10 +49,7 @@ def test_a_rectangle_lights_a_patch(lamp: str, light_samples: int) -> None:
     seen = image.layers["direct"].astype(np.float64).mean(axis=(0, 1))
     polygon = np.array([corner, corner + u, corner + u + v, corner + v])
     exact = (
-        np.array(ALBEDO)
-        * np.array(RADIANCE)
-        / np.pi
-        * irradiance_of_polygon(polygon, np.zeros(3), np.array([0.0, 1, 0]))
+        np.array(ALBEDO) * np.array(RADIANCE) / np.pi * polygon_irradiance(polygon, np.zeros(3), np.array([0.0, 1, 0]))
     )
     # 64 pixels x 256 samples = 16,384 at least. A sample's integrand cos cos / d² varies over these lamps by less
     # than 100 % (standard deviation over mean, asserted), so the mean of independent ones would be off by 1 / 128 =

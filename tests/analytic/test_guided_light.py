@@ -9,6 +9,7 @@ import pytest
 import two_rooms
 import window_room
 from furnaces import Array, view
+from polygon_light import polygon_irradiance
 
 from wdpm.cluster.plan import guide_starts, guide_tiles
 from wdpm.cluster.render_settings import Integrator, RenderSettings
@@ -23,17 +24,6 @@ PLACES = {
     "wall across": ((1.0, 0.1, -1.2), (-1.0, 0.0, 0.0)),
     "wall at the end": ((0.5, -0.4, -2.0), (0.0, 0.0, 1.0)),
 }
-
-
-def irradiance_of_polygon(corners: Array, point: Array, normal: Array) -> float:
-    """Irradiance of a polygon of radiance 1, wholly above the horizon (Lambert 1760): 1/2 sum of angle * (n . edge)."""
-    arms = corners - point
-    arms /= np.linalg.norm(arms, axis=1, keepdims=True)
-    total = 0.0
-    for one, other in zip(arms, np.roll(arms, -1, axis=0), strict=True):
-        axis = np.cross(one, other)
-        total += np.arccos(np.clip(one @ other, -1, 1)) * float(normal @ axis) / float(np.linalg.norm(axis))
-    return abs(total) / 2
 
 
 def assert_is(image: Image, exact: Array) -> None:
@@ -54,7 +44,7 @@ def test_a_window_lights_a_patch(place: str, guided: bool, monkeypatch: pytest.M
     camera = view(point + normal * 0.6 + (0.03, 0.02, 0.05), point, 1.0)
     seen = replace(window_room.room(window_room.constant_sky(RADIANCE)), camera=camera)
     image = render_in_process(seen, replace(PATH, spp=256 if guided else 1024, light_samples=4), workers=1)
-    assert_is(image, np.array(window_room.ALBEDO) * RADIANCE / np.pi * irradiance_of_polygon(WINDOW, point, normal))
+    assert_is(image, np.array(window_room.ALBEDO) * RADIANCE / np.pi * polygon_irradiance(WINDOW, point, normal))
 
 
 @pytest.mark.parametrize("guided", [True, False])
@@ -67,7 +57,7 @@ def test_a_lamp_lights_a_patch_beside_stronger_ones_behind_a_wall(
     camera = view(point + normal * 0.6 + (0.03, 0.02, 0.05), point, 1.0)
     image = render_in_process(replace(two_rooms.rooms(), camera=camera), replace(PATH, spp=128), workers=1)
     lamp = np.array([[-0.1, 0.98, 0.6], [0.1, 0.98, 0.6], [0.1, 0.98, 0.8], [-0.1, 0.98, 0.8]])
-    exact = np.array(window_room.ALBEDO) * 4.0 / np.pi * irradiance_of_polygon(lamp, point, normal)
+    exact = np.array(window_room.ALBEDO) * 4.0 / np.pi * polygon_irradiance(lamp, point, normal)
     assert_is(image, exact)
 
 

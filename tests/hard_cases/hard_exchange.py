@@ -9,7 +9,8 @@ import numpy as np
 from beams import parallel
 from case import Run, hard_case
 from numpy.typing import NDArray
-from optics import disk_irradiance, polygon_irradiance, sphere_irradiance
+from optics import disk_irradiance, sphere_irradiance
+from polygon_light import polygon_irradiance
 from rooms import GREY, ball, quad, scene, view
 
 from wdpm.scenes.meshes.primitives import disk, sphere

@@ -75,17 +75,6 @@ def reflected_by_half_space(albedo: float, cosine_in: float, cosine_out: float) 
     return float(albedo / (4 * np.pi) * cosine_in / (cosine_in + cosine_out) * h_in * h_out)
 
 
-def polygon_irradiance(corners: Array, point: Array, normal: Array) -> float:
-    """Irradiance of a polygon of radiance 1 wholly above the horizon (Lambert 1760)."""
-    arms = corners - point
-    arms = arms / np.linalg.norm(arms, axis=1, keepdims=True)
-    total = 0.0
-    for one, other in zip(arms, np.roll(arms, -1, axis=0), strict=True):
-        axis = np.cross(one, other)
-        total += np.arccos(np.clip(one @ other, -1, 1)) * float(normal @ axis) / float(np.linalg.norm(axis))
-    return abs(total) / 2
-
-
 def disk_irradiance(radius: float, height: float, aside: float) -> float:
     """Irradiance of a parallel disk of radiance 1 at a height, from its axis `aside` (Foote 1915)."""
     r2, h2, a2 = radius**2, height**2, aside**2

@@ -32,6 +32,8 @@ from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "helpers" / "geometry"))  # pytest has it from pyproject.toml
+
 PICTURE = 160
 """Least side of a picture on the page, in pixels."""
 
