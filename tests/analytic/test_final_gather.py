@@ -5,13 +5,15 @@ All are rendered with the kernels that have all effects: nothing is compiled for
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from fog import foggy_furnace
 from furnace_cases import CASES, SKY
-from furnaces import box, quad, rendered, scene, view
+from furnaces import Array, box, quad, rendered, scene, view
 from path_traced import assert_alike, furnace, over_seeds, shiny_box
 
 from wdpm.cluster.render_settings import Indirect, Integrator
@@ -99,22 +101,31 @@ def test_nothing_leaks_from_room_to_room(way: Indirect) -> None:
 # Against path tracing
 
 
+@functools.cache
+def by_paths(make: Callable[[], Scene], max_depth: int | None = None) -> tuple[Array, Array]:
+    """The indirect light of a scene and its deviation: rendered once for all ways that are held against it."""
+    return over_seeds(make(), "indirect", spp=64, max_depth=max_depth, **PATH)
+
+
+def small_box() -> Scene:
+    return cornell_box((16, 16))
+
+
 @pytest.mark.parametrize("max_depth", [3, 4, None])
 def test_light_of_a_cornell_box_is_that_of_path_tracing(way: Indirect, max_depth: int | None) -> None:
-    what = cornell_box((16, 16))
-    gathered = over_seeds(what, "indirect", spp=16, indirect=way, max_depth=max_depth, **PHOTONS)
-    assert_alike(over_seeds(what, "indirect", spp=64, max_depth=max_depth, **PATH), gathered, share=0.01)
+    gathered = over_seeds(small_box(), "indirect", spp=16, indirect=way, max_depth=max_depth, **PHOTONS)
+    assert_alike(by_paths(small_box, max_depth), gathered, share=0.01)
 
 
 def test_plastic_and_metal_are_lit_as_by_path_tracing(way: Indirect) -> None:
     """What lamps send off metal onto walls is in the caustic layer."""
     gathered = over_seeds(shiny_box(), "indirect caustic", spp=16, indirect=way, **PHOTONS)
-    assert_alike(over_seeds(shiny_box(), "indirect", spp=64, **PATH), gathered, share=0.01)
+    assert_alike(by_paths(shiny_box), gathered, share=0.01)
 
 
 def bumpy_box() -> Scene:
     """The Cornell box without its ceiling and lamp under a sky, one block of bumps."""
-    what = cornell_box((16, 16))
+    what = small_box()
     slopes = Bitmap("slopes", np.random.default_rng(4).random((8, 8, 3)).astype(np.float32))
     bumps = Material("bumps", TwoSided(BumpMap(Diffuse((0.6, 0.5, 0.4)), slopes, 30.0)))
     new = {"tall block": len(what.materials)}
@@ -125,17 +136,22 @@ def bumpy_box() -> Scene:
 
 def test_bumps_under_a_sky_are_lit_as_by_path_tracing(way: Indirect) -> None:
     gathered = over_seeds(bumpy_box(), "indirect", spp=16, indirect=way, **PHOTONS)
-    assert_alike(over_seeds(bumpy_box(), "indirect", spp=64, **PATH), gathered, share=0.015)
+    assert_alike(by_paths(bumpy_box), gathered, share=0.015)
 
 
 # Media
 
 
+@functools.cache
+def of_fog(way: Indirect) -> tuple[Array, Array]:
+    """The light of fog in a furnace that is not direct, and its deviation."""
+    what = foggy_furnace(Medium("fog", (0.5, 0.5, 0.5), (1.0, 1.0, 1.0), 0.2))
+    return over_seeds(what, "indirect volume", spp=8, indirect=way, **PHOTONS)
+
+
 def test_fog_is_lit_and_lights_as_by_the_map(way: Indirect) -> None:
     """Gather rays find the light of media on their way, once; it is in the layer of media then, not of surfaces."""
-    what, layers = foggy_furnace(Medium("fog", (0.5, 0.5, 0.5), (1.0, 1.0, 1.0), 0.2)), "indirect volume"
-    by_map = over_seeds(what, layers, spp=8, **PHOTONS)
-    assert_alike(over_seeds(what, layers, spp=8, indirect=way, **PHOTONS), by_map, share=0.01)
+    assert_alike(of_fog(way), of_fog(Indirect.MAP), share=0.01)
 
 
 # Nothing to gather
