@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import warp as wp
 
 from wdpm import api
-from wdpm.bench import effects
+from wdpm.bench import effects, effects_compiler
 from wdpm.bench import effects_scenes as effect_scenes
 from wdpm.bench.effects_plot import plot
 from wdpm.cli import main
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.variants import make_variants
 from wdpm.progress import SilentProgress
 from wdpm.rendering.in_process import InProcess
+from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.model.scene import Scene
 
 
@@ -89,10 +94,39 @@ def test_the_plot_is_svg_with_a_bar_for_each() -> None:
     assert any("it takes 2.00 times as long" in (text or "") for text in words)
 
 
-def test_kernels_are_compiled_from_scratch() -> None:
-    seconds, modules = effects.compile_from_scratch(())
-    assert seconds > 0
-    assert modules == len(make_variants(Features()).modules())
+def test_kernels_are_compiled_from_scratch(
+    empty_cache: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the program that the benchmark starts, of two small modules in place of a scene's."""
+    asked: list[Features] = []
+
+    def variants(features: Features) -> Any:
+        asked.append(features)
+        return SimpleNamespace(modules=lambda: [small_module(addend) for addend in (1, 2)])
+
+    monkeypatch.setattr(effects_compiler, "make_variants", variants)
+    monkeypatch.setattr(sys, "stdin", StringIO(json.dumps({"features": ["conductor"], "cache": str(empty_cache)})))
+    effects_compiler.main()
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["seconds"] > 0
+    assert answer["modules"] == 2
+    assert asked == [Features(conductor=True)]
+
+
+def small_module(addend: int) -> wp.Module:
+    """A module with a kernel of its own."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_here(values: wp.array[wp.int32]) -> None:
+        values[wp.tid()] += wp.static(addend)
+
+    return add_here.module
+
+
+def test_a_process_that_cannot_compile_is_told_of() -> None:
+    """It runs: what it does not know is its own word."""
+    with pytest.raises(WdpmError, match=r"the process that compiles failed: TypeError: .*'smoke'"):
+        effects.compile_from_scratch(("smoke",))
 
 
 def test_an_effect_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
