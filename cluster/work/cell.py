@@ -22,7 +22,7 @@ from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_paths import PhotonPaths
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.work.whole.samples import Counts, TracedWhole
+from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, TracedWhole
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.rays import cell_triangles, two_level
 from wdpm.kernels.rays.instances import upload_instances
@@ -112,6 +112,13 @@ class Cell:
         if self._in_files is not None:
             self._in_files.let_go()
         return added
+
+    def trace_rays_whole(self, rays: Any, distance: NDArray[np.float32]) -> RaysTracedWhole | None:
+        """As CameraPaths.trace_rays_whole."""
+        traced = self._camera_paths.trace_rays_whole(rays, distance)
+        if self._in_files is not None:
+            self._in_files.let_go()
+        return traced
 
     def count_whole(self, counts: Counts) -> None:
         """As CameraPaths.count_whole."""

@@ -138,9 +138,10 @@ class CellWorker:
         if isinstance(task, PhotonTask):
             home = PhotonHome(task, self.number, self.replica)
         elif isinstance(task, BucketTask) and self.replica.view is not None:
-            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples, self._whole())
+            scene = None if self._awaits_records else self._whole()
+            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples, scene)
         elif isinstance(task, RecordTask) and self.replica.view is not None:
-            home = RecordHome(task, self.number, self.replica, self.replica.view)
+            home = RecordHome(task, self.number, self.replica, self.replica.view, self._whole())
         else:
             raise ProtocolError(f"task {task.number} came before a view was set")
         self._homes[task.number] = home
@@ -151,8 +152,8 @@ class CellWorker:
         return outbox
 
     def _whole(self) -> Cell | None:
-        """The only cell, where it can follow samples from the camera to their ends at once, and has all they ask."""
-        held = list(self.cells.values()) if self.holds_all and not self._awaits_records else []
+        """The only cell, where it can follow samples from the camera to their ends at once."""
+        held = list(self.cells.values()) if self.holds_all else []
         return next((cell for cell in held if cell.traces_whole), None)
 
     def handle(self, batches: Sequence[Batch]) -> Outbox:

@@ -1,9 +1,12 @@
-"""Samples of pixels from the camera to the end of their paths, in one launch: where one cell is the whole scene.
+"""Samples of pixels, and gather rays of records, to the end of their paths in one launch: where one cell is all.
 
 Elsewhere rays, hits and shadow rays travel between cells as batches, and each step of a path is a launch of its own.
 With one cell nothing travels, and to write down what a ray found, sort it and read it again takes longer than to find
 it. So here a path is followed to its end, by the functions of those kernels and with their random numbers, and what its
 vertices show is added in the order of their places (vertices.place_of, add_samples): the bits are the same.
+
+Gather rays of irradiance records (record_rays) are paths that have left their first surface. One kernel follows both,
+since nearly all of it is the same, and takes long to compile.
 
 Nothing is said of what is not finite, nor of paths that are cut off, nor of photons in one place. Samples that meet any
 of it are told of, and whoever launched this has them rendered in the other way, which counts such things.
@@ -16,9 +19,9 @@ import functools
 import warp as wp
 
 from wdpm.kernels.camera.add_samples import Sums
-from wdpm.kernels.camera.camera import make_camera
+from wdpm.kernels.camera.camera import CameraView, make_camera
 from wdpm.kernels.camera.misses import make_escaped
-from wdpm.kernels.camera.paths import Vertex, camera_path
+from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
 from wdpm.kernels.camera.rays import begin_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.shading import make_shade
@@ -44,6 +47,7 @@ from wdpm.kernels.whole_samples.indirect_light import (
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _CHAIN_LIMIT = wp.constant(CHAIN_LIMIT)
+_INF = wp.constant(wp.float32(float("inf")))
 
 
 @wp.struct
@@ -63,7 +67,12 @@ class Pixels:
 
 @wp.struct
 class Sample:
-    """What one sample comes to; depth is negative where it met nothing."""
+    """What one sample comes to.
+
+    Attributes:
+        depth: negative where a camera ray met nothing.
+        reach: how far the first ray went [scene units]; inf if it met nothing.
+    """
 
     direct: wp.vec3d
     indirect: wp.vec3d
@@ -71,6 +80,7 @@ class Sample:
     normal: wp.vec3
     albedo: wp.vec3
     depth: wp.float32
+    reach: wp.float32
 
 
 @wp.func
@@ -151,8 +161,7 @@ def finite_or_spoilt(radiance: wp.vec3, notes: wp.ref[Notes]) -> wp.vec3:
 
 @functools.cache
 def make_trace(features: Features) -> wp.Function:
-    """The function `trace` for a set of features: one sample, by (scene, trees, known, pixel, number, weight, ...)."""
-    camera_ray = make_camera(features)
+    """The function `trace` for a set of features: one sample, by (scene, trees, known, p, weight, ...)."""
     closest_hit = closest_function(features.instances)
     arriving = make_arriving(features)
     shade = make_shade(features)
@@ -166,8 +175,7 @@ def make_trace(features: Features) -> wp.Function:
         scene: wp.ref[Scene],
         trees: wp.ref[Trees],
         known: wp.ref[KnownLight],
-        pixel: wp.int32,
-        number: wp.int32,
+        p: Vertex,
         weight: wp.float32,
         orders: Orders,
         scratch: wp.ref[Shaded],
@@ -178,23 +186,21 @@ def make_trace(features: Features) -> wp.Function:
         """One sample.
 
         Args:
+            p: as its first ray sets out, or (prim >= 0) with what that met.
             scratch: of one vertex, for all of the path, one after another.
             keys, ints: scratch of gathers.
         """
         found = Sample()
         found.depth = -1.0
-        p = Vertex()
-        p.pixel = pixel
-        p.sample = number
+        found.reach = _INF
+        begins = p.bounce
         p.row = 0
-        ray = camera_ray(scene.camera, pixel, number)
-        p.t = ray.t_max
-        p.prim = -1
-        p = begin_path(scene.camera, ray, p)
         goes_on = wp.int32(1)
         while goes_on == 1:
             goes_on = 0
-            met = closest_hit(trees, p.origin, p.direction, hit_of(p))
+            met = hit_of(p)
+            if met.prim < 0:
+                met = closest_hit(trees, p.origin, p.direction, met)
             if met.prim < 0:
                 if wp.static(features.misses):
                     beyond = finite_or_spoilt(escaped(scene, p, orders, scratch.stretches), notes)
@@ -204,6 +210,8 @@ def make_trace(features: Features) -> wp.Function:
                         found.direct += wp.vec3d(beyond * weight)
             else:
                 p = arrived_at(p, met)
+                if p.bounce == begins:
+                    found.reach = p.t * wp.length(p.direction)
                 now = orders_at(orders, p.bounce)
                 decision = Decision()
                 p.action = TRACE_ON
@@ -258,8 +266,28 @@ def make_trace(features: Features) -> wp.Function:
 
 
 @functools.cache
+def make_first_path(features: Features) -> wp.Function:
+    """The function `first_path` for a set of features: (camera, pixel, number) -> Vertex."""
+    camera_ray = make_camera(features)
+
+    @wp.func
+    def first_path(camera: wp.ref[CameraView], pixel: wp.int32, number: wp.int32) -> Vertex:
+        """The path of a sample as it leaves the camera."""
+        p = Vertex()
+        p.pixel = pixel
+        p.sample = number
+        ray = camera_ray(camera, pixel, number)
+        p.t = ray.t_max
+        p.prim = -1
+        return begin_path(camera, ray, p)
+
+    return first_path
+
+
+@functools.cache
 def make_trace_samples(features: Features) -> wp.Kernel:
     """The kernel `trace_samples` for a set of features without media."""
+    first_path = make_first_path(features)
     trace = make_trace(features)
 
     @made_for(features)
@@ -268,6 +296,8 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         trees: Trees,
         known: KnownLight,
         pixels: Pixels,
+        rays: Paths,
+        order: wp.array[wp.int32],
         start: wp.int32,
         samples: wp.int32,
         orders: Orders,
@@ -278,52 +308,68 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         notes: Notes,
         sums_out: Sums,
         hit_out: wp.array[wp.int32],
+        radiance_out: wp.array[wp.vec3d],
+        distance_out: wp.array[wp.float32],
     ) -> None:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
+
+        Or find what comes along gather rays of records: where there are any, they are its items in place of pixels, in
+        an order in which one reads what the one before it did: rays of a record end all over the scene.
 
         It is launched for one item, which is pixels `first` to `end`: one sample is traced after another.
 
         Args:
+            rays: with what they met.
+            order: numbers of those that are followed, none twice.
             orders: of first vertices.
             sums: so far.
             scratch: of one vertex, and of this launch alone.
             notes: of this launch alone.
             hit_out: 1 where the first of the samples met a surface.
+            radiance_out: what came along each of these, its parts added in their order.
+            distance_out: how far it went [scene units].
         """
         keys = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
         ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
         for i in range(first + wp.tid(), end):
-            direct = sums.direct[i]
-            indirect = sums.indirect[i]
-            caustic = sums.caustic[i]
-            normal = sums.normal[i]
-            albedo = sums.albedo[i]
-            depth = sums.depth[i]
-            hits = sums.hits[i]
-            hit_out[i] = 0
-            for s in range(samples):
-                weight = wp.float32(1.0)
-                if pixels.weight.shape[0] > 0:
-                    weight = pixels.weight[i * samples + s]
-                number = pixels.first[i] + start + s
-                found = trace(scene, trees, known, pixels.pixel[i], number, weight, orders, scratch, keys, ints, notes)
-                if found.depth >= 0.0:
-                    hits += 1
-                    depth += wp.float64(found.depth)
-                    normal += wp.vec3d(found.normal)
-                    albedo += wp.vec3d(found.albedo)
-                    if s == 0:
-                        hit_out[i] = 1
-                direct += found.direct
-                indirect += found.indirect
-                caustic += found.caustic
-            sums_out.direct[i] = direct
-            sums_out.indirect[i] = indirect
-            sums_out.caustic[i] = caustic
-            sums_out.volume[i] = sums.volume[i]
-            sums_out.normal[i] = normal
-            sums_out.albedo[i] = albedo
-            sums_out.depth[i] = depth
-            sums_out.hits[i] = hits
+            if order.shape[0] > 0:
+                ray = order[i]
+                p = camera_path(scene.camera, rays, ray)
+                found = trace(scene, trees, known, p, 1.0, orders, scratch, keys, ints, notes)
+                radiance_out[ray] = found.direct + found.indirect
+                distance_out[ray] = found.reach
+            else:
+                direct = sums.direct[i]
+                indirect = sums.indirect[i]
+                caustic = sums.caustic[i]
+                normal = sums.normal[i]
+                albedo = sums.albedo[i]
+                depth = sums.depth[i]
+                hits = sums.hits[i]
+                hit_out[i] = 0
+                for s in range(samples):
+                    weight = wp.float32(1.0)
+                    if pixels.weight.shape[0] > 0:
+                        weight = pixels.weight[i * samples + s]
+                    p = first_path(scene.camera, pixels.pixel[i], pixels.first[i] + start + s)
+                    found = trace(scene, trees, known, p, weight, orders, scratch, keys, ints, notes)
+                    if found.depth >= 0.0:
+                        hits += 1
+                        depth += wp.float64(found.depth)
+                        normal += wp.vec3d(found.normal)
+                        albedo += wp.vec3d(found.albedo)
+                        if s == 0:
+                            hit_out[i] = 1
+                    direct += found.direct
+                    indirect += found.indirect
+                    caustic += found.caustic
+                sums_out.direct[i] = direct
+                sums_out.indirect[i] = indirect
+                sums_out.caustic[i] = caustic
+                sums_out.volume[i] = sums.volume[i]
+                sums_out.normal[i] = normal
+                sums_out.albedo[i] = albedo
+                sums_out.depth[i] = depth
+                sums_out.hits[i] = hits
 
     return trace_samples

@@ -1,4 +1,4 @@
-"""Samples that one launch follows to their ends have the bits of those whose rays travel as batches."""
+"""Samples and gather rays that one launch follows to their ends have the bits of those that travel as batches."""
 
 from __future__ import annotations
 
@@ -57,18 +57,26 @@ SCENES = {
 }
 
 
+OF_RAYS = -1
+
+
 @contextmanager
 def counted(monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> Iterator[list[int]]:
-    """How many samples whole launches add, where there are any."""
+    """How many samples whole launches add, where there are any; of gather rays of records -1 a launch."""
     launched: list[int] = []
-    trace = WholeSamples.trace
+    trace, trace_rays = WholeSamples.trace, WholeSamples.trace_rays
 
     def remember(self: WholeSamples, pixels: object, start: int, samples: int, sums: object) -> object:
         launched.append(samples)
         return trace(self, pixels, start, samples, sums)  # type: ignore[arg-type]
 
+    def remember_rays(self: WholeSamples, *rays: object) -> object:
+        launched.append(OF_RAYS)
+        return trace_rays(self, *rays)  # type: ignore[arg-type]
+
     with monkeypatch.context() as patch:
         patch.setattr(WholeSamples, "trace", remember)
+        patch.setattr(WholeSamples, "trace_rays", remember_rays)
         if not whole:
             patch.setattr(WholeSamples, "can_be", False)
         yield launched
@@ -106,7 +114,9 @@ def test_the_same_bits(name: str, chosen: RenderSettings, monkeypatch: pytest.Mo
     expected = by_batches(monkeypatch, SCENES[name], chosen)
     with counted(monkeypatch, whole=True) as launched:
         image = alone(SCENES[name], chosen)
-    assert sum(launched) >= chosen.spp  # more on outlines of lamps
+    assert sum(samples for samples in launched if samples != OF_RAYS) >= chosen.spp  # more on outlines of lamps
+    gathered = image.metadata["report"]["final_gather"]
+    assert (OF_RAYS in launched) == bool(gathered and gathered["record_rays"])
     assert image.digest() == expected.digest()
     assert counted_of(image) == counted_of(expected)
     assert all(expected.layers[layer].any() for layer in ("direct", "indirect"))
@@ -119,6 +129,7 @@ def test_waves_buckets_threads_and_cells_change_no_bit(
 ) -> None:
     expected = alone(SCENES[name], way)
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.work.records.record_home.WAVE_RAYS", 500)
     monkeypatch.setattr("wdpm.cluster.work.whole.samples.WHOLE_GRAIN", 8)
     for workers, cells, threads, bucket in ((1, 1, 3, 5), (3, 1, 1, 7), (2, 4, 2, 6)):
         chosen = replace(way, bucket=bucket)
@@ -164,6 +175,23 @@ def test_vertices_of_samples_that_are_rendered_again_count_once(monkeypatch: pyt
     assert len(calls) == 2
     assert image.digest() == expected.digest()
     assert image.metadata["report"]["vertices"] == expected.metadata["report"]["vertices"]
+
+
+def test_rays_that_are_traced_again_are_traced_by_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was traced whole, and is spoilt, has left its hits with the rays: the others set out anew."""
+    expected = by_batches(monkeypatch, SCENES["diffuse"], CACHE)
+    trace_rays, calls = WholeSamples.trace_rays, []
+
+    def spoilt_at_first(self: WholeSamples, *rays: object) -> object:
+        traced = trace_rays(self, *rays)  # type: ignore[arg-type]
+        calls.append(traced)
+        return None if len(calls) == 1 else traced
+
+    monkeypatch.setattr(WholeSamples, "trace_rays", spoilt_at_first)
+    image = alone(SCENES["diffuse"], CACHE)
+    assert len(calls) > 1
+    assert image.digest() == expected.digest()
+    assert counted_of(image) == counted_of(expected)
 
 
 def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate,
 from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at, joined
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
+from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.misses import no_hits
 from wdpm.cluster.work.records.extra_rays import Counts, Values, extra_rays, means, standard_errors
 from wdpm.cluster.work.records.record_wave import GatherRays, RecordWave, first_rays, further_rays
@@ -37,10 +38,15 @@ other, which take as long as many; and while those are under way, the next wave 
 
 
 class RecordHome:
-    """Some of a round's candidates."""
+    """Some of a round's candidates.
 
-    def __init__(self, task: RecordTask, number: int, replica: Replica, view: View) -> None:
+    Args:
+        scene: the only cell, where it can follow gather rays to their ends at once.
+    """
+
+    def __init__(self, task: RecordTask, number: int, replica: Replica, view: View, scene: Cell | None = None) -> None:
         self.task = task
+        self._scene = scene
         self._number = number
         self._replica = replica
         self._view = view
@@ -174,9 +180,11 @@ class RecordHome:
         return unoccluded.numpy()
 
     def _shoot(self, rays: GatherRays) -> Iterator[Batch]:
-        """Start a wave of rays."""
+        """Start a wave of rays; what is followed to its end at once is back already."""
         self._rays += len(rays)
         self._wave = RecordWave(self._replica, self._view, self._site, self._numbers(), self._strata, rays)
+        if self._scene is not None and self._wave.trace_whole(self._scene):
+            return
         going = list(self._wave.start())
         self._credit = sum(credit for _, credit, _ in going)
         for cell, credit, sent in going:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -14,6 +15,7 @@ from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.rows import in_order, summed, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
+from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
@@ -96,13 +98,14 @@ class RecordWave:
         self._strata = strata
         self._rays = rays
         self._lit: list[Arrays] = []
+        self._whole: NDArray[np.float64] | None = None  # what came along each, where all is known at once
         self.distance = np.zeros(0, np.float32)
 
     def __len__(self) -> int:
         return len(self._rays)
 
-    def start(self) -> Iterator[tuple[int, int, Arrays]]:
-        """Start all rays: cell, credit and Kind.PATH of each batch."""
+    def _begin(self) -> tuple[Any, NDArray[np.float32]]:
+        """The rays as they set out (kernels.camera.paths.Paths), and inf for each, negative where it is not shot."""
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device
         record, ray, stratum = (
@@ -127,7 +130,6 @@ class RecordWave:
             direction_out=direction,
             distance_out=distance,
         )
-        self.distance = distance.numpy()
         paths = columns.empty(Paths, count, device)
         replica.launcher(
             start_record_rays,
@@ -142,6 +144,22 @@ class RecordWave:
             offset_min=replica.lights.offset_min,
             paths_out=paths,
         )
+        return paths, distance.numpy()
+
+    def trace_whole(self, scene: Cell) -> bool:
+        """Follow all rays to their ends at once, if that can be: nothing of the wave is under way then."""
+        traced = scene.trace_rays_whole(*self._begin())
+        if traced is None:
+            return False
+        self._whole, self.distance = traced.radiance, traced.distance
+        scene.count_whole(traced.counts)
+        return True
+
+    def start(self) -> Iterator[tuple[int, int, Arrays]]:
+        """Send all rays on their way: cell, credit and Kind.PATH of each batch."""
+        replica, view, count = self._replica, self._view, len(self._rays)
+        device = replica.launcher.device
+        paths, self.distance = self._begin()
         first = columns.integers(count, device)
         misses = int(replica.world.features.misses)
         replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, misses=misses, next_cell_out=first)
@@ -161,6 +179,9 @@ class RecordWave:
 
     def radiance(self) -> NDArray[np.float64]:
         """What came along each ray, added in the order of the parts' places, shape [rays, 3]. It is let go of."""
+        if self._whole is not None:
+            whole, self._whole = self._whole, None
+            return whole
         together = concatenate(self._lit, Kind.LIT)
         self._lit = []
         order = in_order(together["slot"], together["place"])

@@ -1,4 +1,4 @@
-"""Camera samples that one launch follows to their ends: where one cell is the whole scene (kernels.whole_samples)."""
+"""Samples and gather rays that one launch follows to their ends: where one cell is all (kernels.whole_samples)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples, vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.launch import arguments_of
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
@@ -46,8 +48,22 @@ class TracedWhole(NamedTuple):
     counts: Counts
 
 
+class RaysTracedWhole(NamedTuple):
+    """What gather rays of records brought that were followed to their ends.
+
+    Attributes:
+        radiance: float64, shape [rays, 3] [W/(m² sr)].
+        distance: of what each met [scene units]; inf if nothing, negative if it was not shot. Float32.
+        counts: as of TracedWhole.
+    """
+
+    radiance: NDArray[np.float64]
+    distance: NDArray[np.float32]
+    counts: Counts
+
+
 class WholeSamples:
-    """Traces samples in the only cell.
+    """Traces samples and gather rays in the only cell.
 
     Args:
         trees, surfaces: its triangles on the device.
@@ -90,25 +106,88 @@ class WholeSamples:
             what they come to; None where something happened that guards count: then all that is under way with them is
             to be rendered in the other way.
         """
-        replica, view, count = self._replica, self._view, len(pixels["pixel"])
-        device, shots = replica.launcher.device, view.light_samples
+        device, count = self._replica.launcher.device, len(pixels["pixel"])
         sums_out = columns.zeros(add_samples.Sums, count, device)
         hit = columns.integers(count, device)
-        orders = replica.orders(shots, asks=self._asks)
         uploaded = columns.upload(trace.Pixels, pixels, device, written=())
-        known = self._known_light()
+        counts = self._launch(
+            count,
+            max(1, WHOLE_GRAIN // samples),
+            pixels=uploaded,
+            rays=columns.empty(Paths, 0, device),
+            order=columns.integers(0, device),
+            start=start,
+            samples=samples,
+            sums=sums,
+            sums_out=sums_out,
+            hit_out=hit,
+            radiance_out=wp.zeros(0, dtype=wp.vec3d, device=device),
+            distance_out=columns.array_over(np.zeros(0, np.float32), wp.float32, device),
+        )
+        return None if counts[indirect_light.SPOILT] else TracedWhole(sums_out, hit.numpy() > 0, counts)
+
+    def trace_rays(self, rays: Any, distance: NDArray[np.float32]) -> RaysTracedWhole | None:
+        """Follow gather rays of records to their ends.
+
+        What they met at first is sorted by its triangles: see CameraPaths.visit_paths. One that has met nothing brings
+        nothing: what shines from beyond the scene is direct light.
+
+        Args:
+            rays: kernels.camera.paths.Paths, with what they met.
+            distance: inf, or negative where one is not shot.
+
+        Returns:
+            what they bring; None as of `trace`.
+        """
+        device, prim = self._replica.launcher.device, columns.column(rays, "prim")
+        met = np.flatnonzero((prim >= 0) & (distance >= 0))
+        order = met.take(prim.take(met).argsort()).astype(np.int32)
+        count = len(distance)
+        radiance, reach = wp.zeros(count, dtype=wp.vec3d, device=device), distance.copy()
+        counts = self._launch(
+            len(order),
+            WHOLE_GRAIN,
+            pixels=columns.empty(trace.Pixels, 0, device),
+            rays=rays,
+            order=columns.array_over(order, wp.int32, device),
+            start=0,
+            samples=0,
+            sums=columns.empty(add_samples.Sums, 0, device),
+            sums_out=columns.empty(add_samples.Sums, 0, device),
+            hit_out=columns.integers(0, device),
+            radiance_out=radiance,
+            distance_out=columns.array_over(reach, wp.float32, device),
+        )
+        return None if counts[indirect_light.SPOILT] else RaysTracedWhole(radiance.numpy(), reach, counts)
+
+    def _launch(self, count: int, grain: int, **arguments: Any) -> Counts:
+        """Launch trace_samples for some pixels or rays.
+
+        Args:
+            grain: of these that are worth a chunk of their own.
+            arguments: of the kernel that are the same for all chunks, and that not all launches share.
+
+        Returns:
+            what was counted.
+        """
+        replica, view = self._replica, self._view
+        device, shots = replica.launcher.device, view.light_samples
+        arguments |= {
+            "scene": self._scene,
+            "trees": self._trees,
+            "known": self._known_light(),
+            "orders": replica.orders(shots, asks=self._asks),
+        }
         # Of one vertex at a time, and each launch has its own: they run at once.
         rows, launches, notes = {"seen": 1, "queries": 1, "coats": 1, "shots": shots, "paths": 1}, [], []
-        for first, size in replica.launcher.chunks(count, max(1, WHOLE_GRAIN // samples)):
+        names, _ = arguments_of(replica.kernels.trace_samples)
+        for first, size in replica.launcher.chunks(count, grain):
             scratch = columns.empty_nested(vertices.Shaded, rows, device)
             notes.append(_blank_notes(device))
-            before = [self._scene, self._trees, known, uploaded, start, samples, orders, sums]
-            launches.append((1, [*before, first, first + size, scratch, notes[-1], sums_out, hit]))
+            of_chunk = arguments | {"first": first, "end": first + size, "scratch": scratch, "notes": notes[-1]}
+            launches.append((1, [of_chunk[name] for name in names]))
         replica.launcher.run(replica.kernels.trace_samples, launches)
-        counts = sum((each.counts.numpy().astype(np.int64) for each in notes), NO_COUNTS)
-        if counts[indirect_light.SPOILT]:
-            return None
-        return TracedWhole(sums_out, hit.numpy() > 0, counts)
+        return sum((each.counts.numpy().astype(np.int64) for each in notes), NO_COUNTS)
 
     @property
     def _asks(self) -> bool:

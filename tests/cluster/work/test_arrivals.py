@@ -36,6 +36,11 @@ def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> tuple[Actio
     return actions, gather._read(places, np.arange(count), arrays["diffuse"], actions)
 
 
+def by_batches() -> Any:
+    """Paths that are followed whole have no such steps (tests/property/test_exactness_whole_samples.py)."""
+    return mock.patch.object(WholeSamples, "can_be", False)
+
+
 @pytest.mark.parametrize("indirect", [Indirect.CACHE, Indirect.GATHER])
 def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
     arrive, codes = FinalGather._arrive, Counter()
@@ -51,8 +56,7 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
 
     settings = RenderSettings(photons=2000, spp=2, indirect=indirect)
     plain = render_in_process(SCENE, settings, workers=1, threads=1)
-    # Samples that are followed whole have no such steps (tests/property/test_exactness_whole_samples.py).
-    with mock.patch.object(FinalGather, "_arrive", both), mock.patch.object(WholeSamples, "can_be", False):
+    with mock.patch.object(FinalGather, "_arrive", both), by_batches():
         checked = render_in_process(SCENE, settings, workers=1, threads=1)
     assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
     assert checked.digest() == plain.digest()
@@ -76,7 +80,7 @@ def test_rays_that_would_go_on_read_records_of_earlier_rounds() -> None:
     scene = cornell_box((48, 48))
     settings = RenderSettings(photons=20_000, spp=4, indirect=Indirect.CACHE)
     read = render_in_process(scene, settings, workers=1, threads=1)
-    with mock.patch.object(FinalGather, "_read_records", read_none):
+    with mock.patch.object(FinalGather, "_read_records", read_none), by_batches():
         bounced = render_in_process(scene, settings, workers=1, threads=1)
     assert 0 < gone_on(read) < 0.8 * gone_on(bounced)
     assert read.layers["beauty"].mean() == pytest.approx(bounced.layers["beauty"].mean(), rel=0.01)
@@ -85,7 +89,7 @@ def test_rays_that_would_go_on_read_records_of_earlier_rounds() -> None:
 def test_no_record_is_read_that_may_know_light_of_too_long_paths() -> None:
     settings = RenderSettings(photons=2000, spp=2, indirect=Indirect.CACHE, max_depth=4)
     limited = render_in_process(SCENE, settings, workers=1, threads=1)
-    with mock.patch.object(FinalGather, "_read_records", read_none):
+    with mock.patch.object(FinalGather, "_read_records", read_none), by_batches():
         bounced = render_in_process(SCENE, settings, workers=1, threads=1)
     assert gone_on(limited) == gone_on(bounced) > 0
     assert limited.digest() == bounced.digest()
