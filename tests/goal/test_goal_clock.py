@@ -44,8 +44,24 @@ def test_a_child_counts_before_it_ends_and_no_more_when_it_has() -> None:
     assert at_work >= SPENT_S - ABOUT_S
     assert ended >= SPENT_S - ABOUT_S
     assert clock.cpu_seconds() - before >= at_work - ABOUT_S
-    assert child.pid not in clock._children()
+    assert child.pid not in clock._started_by("self")
     assert clock._cpu_of(child.pid) == 0.0
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="this system does not tell of children at work")
+def test_processes_of_a_child_count_before_they_end_and_when_the_child_has_waited_for_them() -> None:
+    work = f"import time\nwhile time.process_time() < {SPENT_S}: pass\nprint(flush=True)\ninput()"
+    code = f"import subprocess, sys\nsubprocess.run([sys.executable, '-c', {work!r}])\nprint(flush=True)\ninput()"
+    before = clock.cpu_seconds()
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdin is not None
+        assert child.stdout is not None
+        for _ in ("its process is at work", "that has ended"):
+            child.stdout.readline()
+            assert clock.cpu_seconds() - before >= SPENT_S - ABOUT_S
+            child.stdin.write(b"\n")
+            child.stdin.flush()
+    assert clock.cpu_seconds() - before >= SPENT_S - ABOUT_S
 
 
 def test_where_the_system_does_not_tell_children_count_when_they_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -53,5 +69,5 @@ def test_where_the_system_does_not_tell_children_count_when_they_have_ended(monk
         raise OSError("no such folder")
 
     monkeypatch.setattr(clock.Path, "iterdir", refuse)
-    assert clock._children() == []
+    assert clock._started_by("self") == []
     assert clock.cpu_seconds() >= time.process_time() - ABOUT_S

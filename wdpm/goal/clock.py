@@ -26,28 +26,30 @@ def cpu_seconds() -> float:
     """Processor time of this process, and of those that it has started [s]: a render's tasks may be theirs.
 
     The system counts a child for its parent when that has waited for it. One that is at work, or has ended unnoticed,
-    is counted as long as /proc tells of it (on Linux); of what such a one has started itself nothing is known yet.
+    is counted as long as /proc tells of it (on Linux), and so are those that such a one has started: slaves that are
+    forked from a process of this one.
     """
     ended = os.times()
-    return time.process_time() + ended.children_user + ended.children_system + sum(map(_cpu_of, _children()))
+    return time.process_time() + ended.children_user + ended.children_system + sum(map(_cpu_of, _started_by("self")))
 
 
-def _children() -> list[int]:
-    """Processes that this one has started, and not waited for."""
+def _started_by(process: int | str) -> list[int]:
+    """Processes that this one has started, and not waited for, and those that they have."""
     try:
-        threads = Path("/proc/self/task").iterdir()
-        return [int(child) for thread in threads for child in (thread / "children").read_text().split()]
+        threads = Path(f"/proc/{process}/task").iterdir()
+        children = [int(child) for thread in threads for child in (thread / "children").read_text().split()]
     except OSError:
         return []
+    return [each for child in children for each in (child, *_started_by(child))]
 
 
 def _cpu_of(process: int) -> float:
+    """Processor time of a process, and of those that it has waited for [s]."""
     try:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     except OSError:  # it was waited for just now
         return 0.0
-    user, system = fields[11:13]  # fields 14 and 15 of proc_pid_stat(5)
-    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # fields 14 to 17 of proc_pid_stat(5)
 
 
 class Budget:
