@@ -101,6 +101,11 @@ def compile_kernels(device: str, features: Features | None = None) -> None:
     _load(device, modules, None)
 
 
+def load_compiled() -> None:
+    """Load those of the kernels of all scenes, for the CPU, that need no compiler."""
+    _load("cpu", [module for module in _shared_modules(Features()) if is_compiled(module)], None)
+
+
 def ready_kernels(device: str, features: Features, *, wait: bool = True, on_compile: OnCompile | None = None) -> Chosen:
     """The kernels of a scene, ready to be launched.
 

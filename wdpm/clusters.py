@@ -129,7 +129,8 @@ class Cluster(Backend):
             master = stack.enter_context(server)
             first = compiling is Compiling.FIRST
             command = slave_command(each, device, memory, keyed=keys is not None, wait_for_kernels=first)
-            processes.start(slaves, command, master.endpoint, bytes if keys is None else keys.for_slave)
+            lines = bytes if keys is None else keys.for_slave
+            processes.start(slaves, command, master.endpoint, lines, forked=device == "cpu")
             return cls(
                 master,
                 slaves,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
 from wdpm.devices import available_cores, check_device
 from wdpm.quiet import quiet_warp
-from wdpm.scenes.errors import MachineError, SettingsError
+from wdpm.scenes.errors import MachineError, SettingsError, WdpmError
 from wdpm.startup import let_collector_go
 
 if TYPE_CHECKING:
@@ -111,6 +112,20 @@ def serve(
     finally:
         if line is not None and local_sockets.is_local(master) and has_ended(line):
             local_sockets.leave_orphaned(master)
+
+
+def load_ahead() -> None:
+    """Import what computes, and load what is compiled of the kernels of all scenes, for the CPU, before there is work.
+
+    For a process that slaves are forked from. What fails here fails in each of them as well, which tells the master.
+    """
+    from wdpm.cluster.transport.zeromq import network  # noqa: F401
+    from wdpm.cluster.work import worker  # noqa: F401
+    from wdpm.kernels.compile import load_compiled
+
+    with contextlib.suppress(OSError, RuntimeError, WdpmError):
+        quiet_warp()
+        load_compiled()
 
 
 def _prepare(device: str) -> None:

@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import IO
 
 from wdpm.cluster.master.events import ProcessEnded
+from wdpm.cluster.transport import fork_server
+from wdpm.cluster.transport.fork_server import ENDED_UNTOLD, Forked, ForkServer
 from wdpm.scenes.errors import ClusterError
 
 GRACE_S = 5.0
@@ -57,41 +59,52 @@ class SlaveProcess:
     Args:
         command: its words.
         first_line: what it finds on its standard input, before that is only a life line.
+        server: forks it, in place of a program that is started; None for none.
+        server_log: what that prints: why there is no process, if it ended before it had forked this one.
 
     Raises:
         ClusterError: it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], first_line: bytes = b"") -> None:
+    def __init__(
+        self,
+        command: Sequence[str],
+        first_line: bytes = b"",
+        server: ForkServer | None = None,
+        server_log: IO[bytes] | None = None,
+    ) -> None:
+        self._server_log = server_log
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
+        there, here = os.pipe()
+        self._line = os.fdopen(here, "wb", buffering=0)
         try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=self._log,
-                stderr=self._log,
-                env=_environment(),
-                # Ctrl-C is the master's to handle: it tells the slaves.
-                start_new_session=True,
+            self._process: Forked | subprocess.Popen[bytes] = (
+                _start(command, there, self._log) if server is None else server.fork(there, self._log.fileno())
             )
-        except OSError as error:
+        except ClusterError:
+            self._line.close()
             self._log.close()
-            raise ClusterError(f"cannot start a slave: {error.strerror}") from None
-        self.number = self._process.pid
-        if first_line and self._process.stdin is not None:
+            raise
+        finally:
+            os.close(there)
+        if first_line:
             with contextlib.suppress(BrokenPipeError):  # it has ended already, and `ended` will tell why
-                self._process.stdin.write(first_line)
-                self._process.stdin.flush()
+                self._line.write(first_line)
+
+    @property
+    def number(self) -> int:
+        """Its process number."""
+        return self._process.pid
 
     def ended(self) -> str | None:
         """Why it has ended; None while it runs."""
         code = self._process.poll()
-        return None if code is None else _reason(code, self._log)
+        return None if code is None else _reason(code, self.last_line)
 
     @property
     def last_line(self) -> str:
         """What it printed last; empty for nothing."""
-        return _last_line(self._log)
+        return _last_line(self._log) or (_last_line(self._server_log) if self._server_log else "")
 
     @property
     def exit_code(self) -> int | None:
@@ -108,18 +121,17 @@ class SlaveProcess:
 
     def let_go(self) -> None:
         """Close its life line."""
-        if self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):  # what an ended one did not read
-                self._process.stdin.close()
+        self._line.close()
 
     def stop(self, seconds: float) -> None:
         """Close its life line, wait for its end so long, and kill it then."""
         self.let_go()
-        try:
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, seconds))
-        except subprocess.TimeoutExpired:
+        if self._process.poll() is None:
             self._process.kill()
-            self._process.wait()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(GRACE_S)
         self._log.close()
 
 
@@ -128,29 +140,47 @@ class LocalSlaves:
 
     def __init__(self) -> None:
         self._slaves: list[SlaveProcess] = []
-        self._reported: set[int] = set()
+        self._servers: list[tuple[ForkServer, IO[bytes]]] = []
+        self._reported: set[SlaveProcess] = set()
 
-    def start(self, count: int, command: Command, endpoint: str, first_line: Callable[[], bytes] = bytes) -> None:
+    def start(
+        self,
+        count: int,
+        command: Command,
+        endpoint: str,
+        first_line: Callable[[], bytes] = bytes,
+        *,
+        forked: bool = False,
+    ) -> None:
         """Start processes; ClusterError if one cannot be started.
 
         Args:
             first_line: gives what one of them finds on its standard input, before it is only a life line.
+            forked: whether the command knows `--fork-server`: several are then forked from one, where that can be.
         """
-        for _ in range(count):
-            self._slaves.append(SlaveProcess(command(endpoint), first_line()))
+        words = command(endpoint)
+        if not (forked and count > 1 and fork_server.can_serve()):
+            self._slaves += [SlaveProcess(words, first_line()) for _ in range(count)]
+            return
+        server, log = _fork_server([*words, "--fork-server"])
+        self._servers.append((server, log))
+        self._slaves += [SlaveProcess(words, first_line(), server, log) for _ in range(count)]
 
     @property
     def processes(self) -> list[int]:
         """Numbers of those that run."""
-        return [slave.number for slave in self._slaves if slave.ended() is None]
+        return [slave.number for slave in self._running()]
+
+    def _running(self) -> list[SlaveProcess]:
+        return [slave for slave in self._slaves if slave.ended() is None]
 
     def ended(self) -> Iterator[ProcessEnded]:
         """Processes that have ended since this was last asked."""
         for slave in self._slaves:
             reason = slave.ended()
-            if reason is not None and slave.number not in self._reported:
-                self._reported.add(slave.number)
-                yield ProcessEnded(slave.number, reason, len(self.processes))
+            if reason is not None and slave not in self._reported:
+                self._reported.add(slave)
+                yield ProcessEnded(slave.number, reason, len(self._running()))
 
     def stop(self) -> None:
         """Wait for all to end, kill those that do not; may be called again."""
@@ -159,7 +189,47 @@ class LocalSlaves:
         deadline = time.monotonic() + GRACE_S
         for slave in self._slaves:
             slave.stop(deadline - time.monotonic())
-        self._slaves = []
+        for server, log in self._servers:
+            server.stop()
+            log.close()
+        self._slaves, self._servers = [], []
+
+
+def _start(command: Sequence[str], stdin: int, output: IO[bytes]) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(
+            command,
+            stdin=stdin,
+            stdout=output,
+            stderr=output,
+            env=_environment(),
+            # Ctrl-C is the master's to handle: it tells the slaves.
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise ClusterError(f"cannot start a slave: {error.strerror}") from None
+
+
+def _fork_server(command: Sequence[str]) -> tuple[ForkServer, IO[bytes]]:
+    """A fork server, and what it prints."""
+    log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `LocalSlaves.stop`
+    ours, theirs = fork_server.pair()
+    try:
+        with theirs:
+            process = _start(command, theirs.fileno(), log)
+    except ClusterError:
+        ours.close()
+        log.close()
+        raise
+
+    def end() -> int:
+        try:
+            return process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait()
+
+    return ForkServer(ours, process.pid, end), log
 
 
 def _environment() -> dict[str, str]:
@@ -172,10 +242,11 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": folder if not path else folder + os.pathsep + path}
 
 
-def _reason(code: int, log: IO[bytes]) -> str:
+def _reason(code: int, last: str) -> str:
+    if code == ENDED_UNTOLD:
+        return "it ended, after what would have told how was killed" + (f": {last}" if last else "")
     if code < 0:
         return f"killed by {signal.Signals(-code).name}"
-    last = _last_line(log)
     return f"it ended with exit code {code}" + (f": {last}" if last else "")
 
 

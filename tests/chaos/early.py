@@ -38,18 +38,28 @@ def trial(number: int, seed: int) -> Trial:
 
 
 def slaves_of(process: int) -> list[int]:
-    """Numbers of the slaves that a process has started."""
+    """Numbers of the slaves that a process has started, or had forked by one of their kind."""
+    slaves = []
+    for child in _children(process):
+        words = _words(child)
+        if "slave" in words:
+            slaves += _children(child) if "--fork-server" in words else [child]
+    return slaves
+
+
+def _children(process: int) -> list[int]:
     found = []
     for children in Path(f"/proc/{process}/task").glob("*/children"):
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-            found += [int(child) for child in children.read_text().split() if _is_slave(child)]
+            found += [int(child) for child in children.read_text().split()]
     return found
 
 
-def _is_slave(process: str) -> bool:
+def _words(process: int) -> list[str]:
+    """Its command; nothing if it has ended."""
     with contextlib.suppress(FileNotFoundError, ProcessLookupError):
-        return b"\0slave\0" in Path(f"/proc/{process}/cmdline").read_bytes()
-    return False
+        return Path(f"/proc/{process}/cmdline").read_text().split("\0")
+    return []
 
 
 def _render(words: list[str], chance: random.Random, victims: int, moment: str, wanted: str) -> str:

@@ -61,6 +61,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.set_defaults(threads=None)
     # For the process that starts local slaves: end when standard input closes.
     parser.add_argument("--life-line", action="store_true", help=argparse.SUPPRESS)
+    # For the process that starts several: be one of which they are forked (cluster/transport/fork_server.py).
+    parser.add_argument("--fork-server", action="store_true", help=argparse.SUPPRESS)
     options.add_security_options(parser)
     return parser
 
@@ -68,12 +70,17 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
     from wdpm.cluster.host_memory import keep_free_memory
+    from wdpm.cluster.transport.fork_server import serve_forks
     from wdpm.devices import available_cores, check_memory
-    from wdpm.serving import security_of, serve
+    from wdpm.serving import load_ahead, security_of, serve
     from wdpm.startup import hold_off_collector
 
     hold_off_collector()
     keep_free_memory()
+    if args.fork_server:
+        load_ahead()
+        if not serve_forks():
+            return 0
     check_memory(args.memory)
     serve(
         args.address,

@@ -1,0 +1,232 @@
+"""Processes that are forked from a server: their input and output, how they end, and what ends with what."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import pytest
+from patience import WAIT_S, wait_until
+
+from wdpm.cluster.master.local_slaves import LocalSlaves
+from wdpm.cluster.transport import fork_server
+from wdpm.cluster.transport.fork_server import ENDED_UNTOLD, Forked, ForkServer, can_serve
+from wdpm.scenes.errors import ClusterError
+
+pytestmark = [
+    pytest.mark.sockets,
+    pytest.mark.processes,
+    pytest.mark.skipif(not can_serve(), reason="this system forks no slaves"),
+]
+
+PROGRAM = """
+import os, signal, sys
+from wdpm.cluster.transport.fork_server import serve_forks
+loaded = os.getpid()
+if serve_forks():
+    line = sys.stdin.readline()
+    print(line.strip(), loaded == os.getppid(), os.getsid(0) == os.getpid(), flush=True)
+    if "kill" in line:
+        os.kill(os.getpid(), signal.SIGKILL)
+    sys.stdin.read()
+    raise SystemExit(7)
+print("over", flush=True)
+"""
+"""A server whose processes print what they are told, and end when their input does."""
+
+NEVER = "import sys; sys.exit('no such device')"
+"""A server that ends before it has forked anything."""
+
+
+class Told(NamedTuple):
+    """A process, the writing end of its input, and what it prints."""
+
+    process: Forked
+    line: IO[bytes]
+    log: IO[bytes]
+
+    def said(self) -> str:
+        """All that it has printed."""
+        return os.pread(self.log.fileno(), 4096, 0).decode()
+
+
+class Server(NamedTuple):
+    server: ForkServer
+    process: subprocess.Popen[str]
+    stack: contextlib.ExitStack
+
+    def fork(self, text: str) -> Told:
+        """A process that is told this."""
+        there, here = os.pipe()
+        line = self.stack.enter_context(os.fdopen(here, "wb", buffering=0))
+        log = self.stack.enter_context(tempfile.TemporaryFile())  # noqa: SIM115
+        process = self.server.fork(there, log.fileno())
+        os.close(there)
+        with contextlib.suppress(BrokenPipeError):  # there is no such process
+            line.write(f"{text}\n".encode())
+        return Told(process, line, log)
+
+
+@contextlib.contextmanager
+def serving(program: str = PROGRAM) -> Iterator[Server]:
+    """A fork server of a program."""
+    with contextlib.ExitStack() as stack:
+        ours, theirs = fork_server.pair()
+        with theirs:
+            words = [sys.executable, "-c", program]
+            process = subprocess.Popen(
+                words, stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            )
+        server = ForkServer(ours, process.pid, lambda: process.wait(WAIT_S))
+        try:
+            yield Server(server, process, stack)
+        finally:
+            stack.close()
+            process.kill()
+            process.wait()
+            server.stop()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+def is_at_work(process: int) -> bool:
+    """Whether there is such a process, which has not ended: whoever has taken it on may not have waited for it yet."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2][0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_each_has_its_own_input_and_output_and_is_heard_of_when_it_ends() -> None:
+    with serving() as server:
+        anna, bert = server.fork("anna"), server.fork("bert")
+        assert len({anna.process.pid, bert.process.pid, server.process.pid}) == 3
+        wait_until(anna.said)
+        wait_until(bert.said)
+        assert [anna.said(), bert.said()] == ["anna True True\n", "bert True True\n"]
+        assert anna.process.poll() is None
+        assert anna.process.wait(0.01) is None
+        anna.line.close()
+        assert anna.process.wait(WAIT_S) == 7
+        assert bert.process.poll() is None
+        bert.process.kill()
+        assert bert.process.wait() == -signal.SIGKILL
+        carl = server.fork("kill")
+        assert carl.process.wait() == -signal.SIGKILL
+        anna.process.kill()  # it has ended: nobody else is killed in its place
+        assert anna.process.poll() == 7
+
+
+def test_the_server_ends_when_its_owner_is_gone_and_all_have_ended() -> None:
+    with serving() as server:
+        anna = server.fork("anna")
+        wait_until(anna.said)
+        server.server._line.close()
+        assert server.process.poll() is None
+        anna.line.close()
+        said, _ = server.process.communicate(timeout=WAIT_S)
+        assert (said, server.process.returncode) == ("over\n", 0)
+
+
+def test_those_of_a_server_that_is_killed_go_on_and_are_seen_to_end() -> None:
+    with serving() as server:
+        anna, bert = server.fork("anna"), server.fork("bert")
+        numbers = [anna.process.pid, bert.process.pid]
+        wait_until(anna.said)
+        server.process.kill()
+        assert server.fork("carl").process.wait(WAIT_S) == -signal.SIGKILL
+        assert [anna.process.poll(), bert.process.poll()] == [None, None]
+        anna.line.close()
+        assert anna.process.wait(WAIT_S) == ENDED_UNTOLD
+        bert.process.kill()
+        assert bert.process.wait(WAIT_S) == ENDED_UNTOLD
+        wait_until(lambda: not any(map(is_at_work, numbers)))
+
+
+def test_those_of_a_server_that_stands_still_are_seen_to_end() -> None:
+    with serving() as server:
+        anna = server.fork("anna")
+        wait_until(anna.said)
+        assert anna.process.pid != server.process.pid
+        server.process.send_signal(signal.SIGSTOP)
+        anna.line.close()
+        wait_until(lambda: anna.process.wait(0.01) == ENDED_UNTOLD)
+
+
+def test_nothing_of_the_server_is_open_in_what_it_has_forked() -> None:
+    count = "print(len(os.listdir('/proc/self/fd')), len(os.listdir('/proc/self/task')), flush=True)"
+    with serving(PROGRAM.replace("    sys.stdin.read()", f"    {count}\n    sys.stdin.read()")) as server:
+        said = []
+        for name in ("anna", "bert"):
+            told = server.fork(name)
+            wait_until(lambda told=told: told.said().count("\n") == 2)
+            said.append(told.said().split("\n")[1])
+        assert said == ["4 1", "4 1"]  # input, output, errors, and the listing; one thread
+
+
+def test_what_a_server_that_never_forked_ended_of_is_what_its_processes_did() -> None:
+    with serving(NEVER) as server:
+        anna = server.fork("anna").process
+        assert anna.wait(WAIT_S) == 1
+        assert anna.pid == server.process.pid
+        assert server.fork("bert").process.wait(WAIT_S) == 1
+
+
+def test_where_no_process_can_be_forked_it_ends_and_says_so() -> None:
+    refuse = "import os\ndef fork(): raise BlockingIOError(11, 'Resource temporarily unavailable')\nos.fork = fork\n"
+    with serving(refuse + PROGRAM) as server:
+        anna = server.fork("anna")
+        assert anna.process.wait(WAIT_S) == 1
+        assert anna.said() == "cannot be forked: Resource temporarily unavailable\n"
+        assert server.process.poll() is None
+
+
+def test_slaves_that_are_forked_end_as_others_do() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        slaves.start(3, lambda _: [sys.executable, "-c", PROGRAM], "", lambda: b"anna\n", forked=True)
+        numbers = slaves.processes
+        assert len(numbers) == 3
+        assert list(slaves.ended()) == []
+        os.kill(numbers[1], signal.SIGKILL)
+        wait_until(lambda: len(slaves.processes) == 2)
+        assert [(each.process, each.reason, each.left) for each in slaves.ended()] == [
+            (numbers[1], "killed by SIGKILL", 2)
+        ]
+        assert list(slaves.ended()) == []
+    assert not any(map(is_at_work, numbers))
+
+
+def test_slaves_go_on_without_their_server() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        slaves.start(2, lambda _: [sys.executable, "-c", PROGRAM], "", lambda: b"anna\n", forked=True)
+        numbers = slaves.processes
+        os.kill(int(Path(f"/proc/{numbers[0]}/stat").read_text().rpartition(") ")[2].split()[1]), signal.SIGKILL)
+        assert slaves.processes == numbers
+        os.kill(numbers[1], signal.SIGKILL)
+        wait_until(lambda: slaves.processes == numbers[:1])
+        (told,) = slaves.ended()
+        assert told.process == numbers[1]
+        assert told.reason.startswith("it ended, after what would have told how was killed")
+    wait_until(lambda: not any(map(is_at_work, numbers)))
+
+
+def test_slaves_whose_server_cannot_start_say_why() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        slaves.start(2, lambda _: [sys.executable, "-c", NEVER], "", forked=True)
+        wait_until(lambda: not slaves.processes)
+        assert [each.reason for each in slaves.ended()] == ["it ended with exit code 1: no such device"] * 2
+    with pytest.raises(ClusterError, match="cannot start a slave"):
+        slaves.start(2, lambda _: ["/no/such/program"], "", forked=True)
