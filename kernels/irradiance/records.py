@@ -34,7 +34,7 @@ import warp as wp
 from wdpm.kernels.constants import PI
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.elementary import atan2_of, sincos_of
-from wdpm.kernels.maths.random import PURPOSE_RECORD, sample_2d, stream_of
+from wdpm.kernels.maths.random import PURPOSE_RECORD, hash_combine, sample_2d, stream_of
 from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -139,10 +139,14 @@ def stratum_direction(
 
 
 @wp.func
-def record_point(seed: wp.uint32, number: wp.int64, ray: wp.int32) -> wp.vec2:
-    """Where in its stratum a record's gather ray lies, a point of the unit square."""
+def record_point(seed: wp.uint32, number: wp.int64, stratum: wp.int32, turn: wp.int32) -> wp.vec2:
+    """Where in its stratum a record's gather ray lies, a point of the unit square.
+
+    Args:
+        turn: of the ray among those of its stratum, from 0: they are stratified among themselves.
+    """
     stream = stream_of(seed, PURPOSE_RECORD, wp.uint32(number & _LOW_WORD), wp.int32(number >> wp.int64(32)))
-    return sample_2d(wp.uint32(ray), stream)
+    return sample_2d(wp.uint32(turn), hash_combine(stream, wp.uint32(stratum)))
 
 
 @wp.kernel
@@ -153,8 +157,8 @@ def record_directions(
     shading_normal: wp.array[wp.vec3],
     seed: wp.uint32,
     record: wp.array[wp.int32],
-    ray: wp.array[wp.int32],
     stratum: wp.array[wp.int32],
+    turn: wp.array[wp.int32],
     offset: wp.int32,
     direction_out: wp.array[wp.vec3],
     distance_out: wp.array[wp.float32],
@@ -166,8 +170,8 @@ def record_directions(
         normal: unit geometric normals on the seen side [N].
         shading_normal: unit [N].
         record: that each ray is of [R].
-        ray: its number among those of its record [R].
         stratum: of the hemisphere that it goes through: row * columns + column [R].
+        turn: its number among those of its stratum [R].
         direction_out: unit [R].
         distance_out: inf where there is a ray to be shot, NOT_SHOT where it would leave below the surface [R].
     """
@@ -175,7 +179,7 @@ def record_directions(
     site = record[i]
     row = stratum[i] // strata.columns
     column = stratum[i] - row * strata.columns
-    u = record_point(seed, number[site], ray[i])
+    u = record_point(seed, number[site], stratum[i], turn[i])
     direction = stratum_direction(shading_normal[site], row, column, strata.rows, strata.columns, u)
     direction_out[i] = direction
     distance_out[i] = NOT_SHOT

@@ -31,13 +31,15 @@ class GatherRays:
 
     Attributes:
         record: that it is of, by its place among the sites.
-        ray: its number among those of its record: what its random numbers are a function of.
+        ray: its number among those of its record: what the random numbers of its path are a function of.
         stratum: of the hemisphere that it goes through: row * columns + column.
+        turn: its number among those of its stratum: what its place in that is a function of.
     """
 
     record: NDArray[np.int32]
     ray: NDArray[np.int32]
     stratum: NDArray[np.int32]
+    turn: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.record)
@@ -46,13 +48,13 @@ class GatherRays:
         """The same rays in pieces of so many at most, none of them empty."""
         for first in range(0, len(self), most):
             piece = slice(first, first + most)
-            yield GatherRays(self.record[piece], self.ray[piece], self.stratum[piece])
+            yield GatherRays(self.record[piece], self.ray[piece], self.stratum[piece], self.turn[piece])
 
 
 def first_rays(sites: int, strata: int) -> GatherRays:
     """One ray through each stratum of each record."""
     every = np.tile(np.arange(strata, dtype=np.int32), sites)
-    return GatherRays(np.repeat(np.arange(sites, dtype=np.int32), strata), every, every)
+    return GatherRays(np.repeat(np.arange(sites, dtype=np.int32), strata), every, every, np.zeros_like(every))
 
 
 def further_rays(counts: NDArray[np.int64]) -> GatherRays:
@@ -67,7 +69,9 @@ def further_rays(counts: NDArray[np.int64]) -> GatherRays:
     each = counts.sum(axis=1)
     record = np.repeat(np.arange(sites, dtype=np.int32), each)
     before = np.repeat(np.cumsum(each) - each, each)
-    return GatherRays(record, (strata + np.arange(len(record)) - before).astype(np.int32), stratum)
+    number = np.arange(len(record))
+    turn = 1 + number - np.repeat(np.cumsum(flat) - flat, flat)
+    return GatherRays(record, (strata + number - before).astype(np.int32), stratum, turn.astype(np.int32))
 
 
 class RecordWave:
@@ -108,9 +112,9 @@ class RecordWave:
         """The rays as they set out (kernels.camera.paths.Paths), and inf for each, negative where it is not shot."""
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device
-        record, ray, stratum = (
-            columns.array_over(column, wp.int32, device)
-            for column in (self._rays.record, self._rays.ray, self._rays.stratum)
+        rays = self._rays
+        record, ray, stratum, turn = (
+            columns.array_over(column, wp.int32, device) for column in (rays.record, rays.ray, rays.stratum, rays.turn)
         )
         direction, distance = columns.outputs({"direction": wp.vec3, "distance": wp.float32}, count, device).values()
         normal, shading_normal = (
@@ -125,8 +129,8 @@ class RecordWave:
             shading_normal=shading_normal,
             seed=replica.world.seed,  # that of the pass
             record=record,
-            ray=ray,
             stratum=stratum,
+            turn=turn,
             direction_out=direction,
             distance_out=distance,
         )

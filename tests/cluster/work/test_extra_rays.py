@@ -170,6 +170,7 @@ def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> Non
     assert rays.record.tolist() == [0, 0, 0, 2, 2]
     assert rays.stratum.tolist() == [1, 1, 2, 0, 2]
     assert rays.ray.tolist() == [3, 4, 5, 3, 4]
+    assert rays.turn.tolist() == [1, 2, 1, 1, 1]  # each stratum has had one before
 
 
 def test_records_know_about_how_much_they_err() -> None:

@@ -37,7 +37,8 @@ def shoot(strata: object, normal: Array, shading: Array, first: int = 0, seed: i
     number = wp.array(np.arange(first, first + count), dtype=wp.int64, device="cpu")
     out = [wp.empty(count * size, dtype=t, device="cpu") for t in (wp.vec3, wp.float32)]
     stratum = np.tile(np.arange(size, dtype=np.int32), count)
-    rays = [wp.array(a, dtype=wp.int32, device="cpu") for a in (np.repeat(np.arange(count), size), stratum, stratum)]
+    columns = (np.repeat(np.arange(count), size), stratum, np.zeros_like(stratum))
+    rays = [wp.array(a, dtype=wp.int32, device="cpu") for a in columns]
     inputs = [strata, number, vectors(normal), vectors(shading), wp.uint32(seed), *rays, 0, *out]
     wp.launch(record_directions, count * size, inputs=inputs, device="cpu")
     return out[0].numpy().astype(np.float64).reshape(count, size, 3), out[1].numpy().reshape(count, size)
@@ -124,6 +125,25 @@ def test_rays_lie_in_their_strata() -> None:
     phi = np.arctan2(directions[..., 1], directions[..., 0]) % (2 * np.pi)
     column = np.tile(np.arange(columns), rows)
     assert (np.abs(phi * columns / (2 * np.pi) - column - 0.5) < 0.5 + 1e-4).all()
+
+
+def test_rays_of_one_stratum_are_stratified_among_themselves() -> None:
+    """In squares of a fourth: every aligned 16 of a (0, 2)-sequence have one each, however many went before."""
+    rows, columns, row, column, count = 5, 7, 2, 3, 32
+    turn = np.arange(count, dtype=np.int32)
+    same = (np.zeros_like(turn), np.full_like(turn, row * columns + column), turn)
+    number = wp.array([77], dtype=wp.int64, device="cpu")
+    out = [wp.empty(count, dtype=t, device="cpu") for t in (wp.vec3, wp.float32)]
+    rays = [wp.array(a, dtype=wp.int32, device="cpu") for a in same]
+    up = vectors(UP)
+    inputs = [make_strata(rows, columns), number, up, up, wp.uint32(3), *rays, 0, *out]
+    wp.launch(record_directions, count, inputs=inputs, device="cpu")
+    x, y, z = out[0].numpy().astype(np.float64).T
+    along = (1.0 - z**2) * rows - row
+    across = np.arctan2(y, x) % (2 * np.pi) * columns / (2 * np.pi) - column
+    for some in (slice(0, 16), slice(16, 32)):
+        squares = 4 * (4 * along[some]).astype(int) + (4 * across[some]).astype(int)
+        assert sorted(squares) == list(range(16))
 
 
 def test_rays_are_a_function_of_seed_and_number() -> None:
