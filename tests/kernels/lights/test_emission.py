@@ -212,7 +212,7 @@ def test_targets_are_few_and_hold_everything() -> None:
     """150 balls in 30 heaps: fewer spheres than balls, and far smaller than the one around them all."""
     rng = np.random.default_rng(4)
     places = np.repeat(rng.uniform(-10, 10, (30, 3)), 5, axis=0) + rng.uniform(-0.5, 0.5, (150, 3))
-    positions = np.concatenate([ball(tuple(p), 0.2, 6) for p in places])
+    positions = np.concatenate([ball(tuple(p), 0.2, 3) for p in places])
     center, radius = cluster_targets(positions)
     assert 30 <= len(center) <= MOST_TARGETS
     assert_held(positions, center, radius)
