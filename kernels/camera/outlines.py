@@ -129,13 +129,22 @@ def outer_edges(corners: NDArray[np.float32], camera: Any) -> Edges:
     back = -_vector(camera.forward) if camera.parallel else _vector(camera.eye) - p[:, 0]
     faces = _dot(normal, back) > 0.0
     p, bits = p[faces], (corners[faces] + np.float32(0.0)).view(np.uint32)  # -0 becomes 0
-    _, vertex = np.unique(bits.reshape(-1, 3), axis=0, return_inverse=True)
-    ends = np.stack([vertex.reshape(-1, 3), np.roll(vertex.reshape(-1, 3), -1, axis=1)], axis=2).reshape(-1, 2)
+    vertex = _numbered(bits.reshape(-1, 3)).reshape(-1, 3)
+    ends = np.stack([vertex, np.roll(vertex, -1, axis=1)], axis=2).reshape(-1, 2)
     key = ends.min(axis=1) * (3 * len(p) + 1) + ends.max(axis=1)
     _, first, count = np.unique(key, return_index=True, return_counts=True)
     alone = np.sort(first[count == 1])
     middle = (p[:, 0] + p[:, 1] + p[:, 2]) / 3.0
     return Edges(p.reshape(-1, 3)[alone], np.roll(p, -1, axis=1).reshape(-1, 3)[alone], middle[alone // 3])
+
+
+def _numbered(rows: NDArray[np.uint32]) -> NDArray[np.int64]:
+    """A number of each row, the same for rows that are alike: np.unique compares rows field by field, and is slow."""
+    order = np.lexsort(rows.T)
+    ascending = rows[order]
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(np.append(False, (ascending[1:] != ascending[:-1]).any(axis=1)))
+    return number
 
 
 def outline_points(edges: Edges, camera: Any, filter_radius: float, most: int) -> OutlinePoints | None:
