@@ -261,9 +261,10 @@ def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: i
         return _flown(worker)[GLOBAL_MAP]
 
 
-def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.int32]]:
-    """Caustic photons of as many paths, were the materials others, and which light each of them comes from."""
-    other = replace(pilot.world, materials=materials, global_map=MapPlan(0), volume_map=MapPlan(0))
+def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot, paths: int) -> tuple[Arrays, NDArray[np.int32]]:
+    """Caustic photons of some paths, were the materials others, and which light each of them comes from."""
+    alone = replace(pilot.world, global_map=MapPlan(0), caustic_map=MapPlan(paths), volume_map=MapPlan(0))
+    other = replace(alone, materials=materials)
     with _in_world(other, pilot) as worker:
         photons = _flown(worker)[CAUSTIC_MAP]
         return photons, _light_of_path(worker)[photons["id"] >> BOUNCE_BITS]
