@@ -27,7 +27,7 @@ from wdpm.cluster.plan.map_plans import NO_MAPS, MapPlans, map_plans, with_fewer
 from wdpm.cluster.plan.map_worth import GATHERED_BLUR, MapError, best_shares, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import caustics_by_paths, may_have_caustics
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot, worker_without_photons
-from wdpm.cluster.plan.small_view import Figures, SeenPlaces, Values
+from wdpm.cluster.plan.small_view import SeenPlaces, Values
 from wdpm.cluster.plan.steering.pilot import steered_pilot
 from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
 from wdpm.cluster.plan.trial.figures import Trial
@@ -141,8 +141,8 @@ def _by_trial(
         noises = trial.noises_by(best.settings)
         return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, (indirect,))
     spp = photons.samples_of_pass
-    by_path, of_paths = _best_by_paths(trial, Prices(flat, plans, spp), spp)
-    chosen = by_path.settings if of_paths.is_better_than(best.way) else best.settings
+    of_paths = _by_paths(trial, Prices(flat, plans, spp), spp)
+    chosen = trial.by_paths.settings if of_paths.is_better_than(best.way) else best.settings
     words = words_for(of_paths, best.way) + (best.fewer if chosen is best.settings else "")
     return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
 
@@ -153,17 +153,17 @@ def _surely_by_paths(flat: FlatScene, looks: Looks, photons: RenderSettings) -> 
     Maps are thought to get no more wrong than every one does, and to take no time to make once a pilot was flown.
     """
     trial, spp = looks.trial(), photons.samples_of_pass
-    by_path, of_paths = _best_by_paths(trial, Prices(flat, NO_MAPS, spp), spp)
+    of_paths = _by_paths(trial, Prices(flat, NO_MAPS, spp), spp)
     ways = []
     for kind in (Indirect.MAP, Indirect.CACHE):
         by_kind = replace(photons, indirect=kind)
-        left = _left(by_kind) * trial.by_paths[0].indirect
+        left = _left(by_kind) * trial.by_paths.indirect
         price = FINDING_OUT + Prices(flat, NO_MAPS, spp).of_photons(trial, by_kind)
         ways.append(Way(trial.noise_by(by_kind) / spp + left, price, of_maps=left))
     if any(not of_paths.is_better_than(way) for way in ways):
         return None
     least = min(ways, key=lambda way: way.worth)
-    return by_path.settings, words_for(of_paths, least, "at most ")
+    return trial.by_paths.settings, words_for(of_paths, least, "at most ")
 
 
 @dataclass(frozen=True)
@@ -210,14 +210,11 @@ def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: Re
     )
 
 
-def _best_by_paths(trial: Trial, prices: Prices, spp: int) -> tuple[Figures, Way]:
-    """The best way to trace paths."""
-    every = []
-    for figures in trial.by_paths:
-        grain = figures.noise / spp
-        of_caustics = trial.caustics.left(spp, grain)
-        every.append((figures, Way(grain + of_caustics, prices.of_paths(figures), of_caustics)))
-    return min(every, key=lambda each: each[1].worth)
+def _by_paths(trial: Trial, prices: Prices, spp: int) -> Way:
+    """What an image by path tracing is expected to come to."""
+    grain = trial.by_paths.noise / spp
+    of_caustics = trial.caustics.left(spp, grain)
+    return Way(grain + of_caustics, prices.of_paths(trial.by_paths), of_caustics)
 
 
 def _is_over_wide(trial: Trial, plans: MapPlans) -> bool:
@@ -226,7 +223,7 @@ def _is_over_wide(trial: Trial, plans: MapPlans) -> bool:
     if error is None:
         return False
     wrong = max(error.of_blur(plans.expected[GLOBAL_MAP]), trial.bias)
-    return wrong > OVER_WIDE * trial.by_paths[0].indirect
+    return wrong > OVER_WIDE * trial.by_paths.indirect
 
 
 def _with_photons_of_worth(
@@ -241,7 +238,7 @@ def _with_photons_of_worth(
     of_samples = trial.noise_by(photons) / spp
     of_others = of_samples
     if GLOBAL_MAP not in errors or photons.final_gathers:
-        of_others += _left(photons) * trial.by_paths[0].indirect
+        of_others += _left(photons) * trial.by_paths.indirect
 
     def with_shares(shares: tuple[int, ...]) -> RenderSettings:
         counts = [asked[number] // share for number, share in zip(maps, shares, strict=True)]
@@ -287,7 +284,7 @@ def _left(settings: RenderSettings) -> float:
 
 def _left_by_map(trial: Trial, plans: MapPlans, settings: RenderSettings, spp: int) -> float:
     """Error that samples do not lessen: as ever, or more where the camera sees places that hardly a photon comes to."""
-    ordinary, (error, of_caustics) = _left(settings) * trial.by_paths[0].indirect, trial.map_errors
+    ordinary, (error, of_caustics) = _left(settings) * trial.by_paths.indirect, trial.map_errors
     wrong, gathers = trial.bias, plans.expected[GLOBAL_MAP]
     if error is not None:
         wrong = max(wrong, error.of(gathers, spp))
@@ -304,7 +301,7 @@ def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, l
     caustics = caustics_by_paths(pilot, flat, places, truth, looks.samples, epsilon)
     of_global, of_caustics = _map_errors(flat, pilot, photons, looks)
     if of_global is not None:
-        of_global = of_global.of_light(looks.by_paths[0].indirect)
+        of_global = of_global.of_light(looks.by_paths.indirect)
     plans, queries = map_plans(pilot, photons, flat), _map_queries(places, looks.samples)
     cached = replace(photons, indirect=Indirect.CACHE)
     unread = unread_at(pilot, cached, plans, queries.position, queries.normal)

@@ -25,7 +25,7 @@ class Trial:
 
     Attributes:
         by_photons: their figures, with Indirect.MAP.
-        by_paths: of each way to trace paths.
+        by_paths: of path tracing.
         caustics: what paths make of those, where smooth surfaces make any.
         lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
         unread: the share of gather rays that would find no irradiance within reach.
@@ -36,7 +36,7 @@ class Trial:
     """
 
     by_photons: Figures
-    by_paths: Sequence[Figures]
+    by_paths: Figures
     caustics: PathCaustics
     lambertian: float
     unread: float
@@ -46,7 +46,7 @@ class Trial:
 
     def noise_by(self, settings: RenderSettings) -> float:
         """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
-        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths[0].of_indirect
+        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths.of_indirect
 
     def noises_by(self, settings: RenderSettings) -> Values:
         """Of one sample of each pixel, at most MOST_NOISE, shape [height, width]."""

@@ -83,7 +83,7 @@ class Prices:
         )
         caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
         asks = 1.0 + way.vertices
-        onward = 1.0 + trial.unread * trial.by_paths[0].vertices  # places that a gather ray comes to
+        onward = 1.0 + trial.unread * trial.by_paths.vertices  # places that a gather ray comes to
         sample, records = self._rays(way) + asks * caustic, 0.0
         if settings.final_gathers:  # the rays read what was gathered ahead
             shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
@@ -108,7 +108,7 @@ class Prices:
         """Gather rays of all records: twice as many where these are to be as exact as they may be."""
         count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
         of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
-        error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
+        error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths.indirect)
         # What records may err falls as noise does, their strata only down to share_of_rays.
         extra = min(1.0, CACHE_PLAN.tolerance / error) * min(
             1.0, self._spp / SAMPLES_OF_PLAN / share_of_rays(self._spp)

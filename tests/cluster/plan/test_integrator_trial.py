@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,8 +13,8 @@ from two_rooms import rooms
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import _best_by_paths, _best_by_photons
-from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, NO_MAPS, MapPlans
+from wdpm.cluster.plan.integrator_trial import _best_by_photons
+from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
 from wdpm.cluster.plan.record_worth import TRIAL_PIXELS
@@ -231,7 +230,7 @@ def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float)
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, noises)
+    trial = Trial(figures, figures, NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
@@ -300,7 +299,7 @@ def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:
     assert settled(LARGE, 1).chose == settled(LARGE, 2).chose
 
 
-def trial_of(figures: Sequence[Figures], noise: float) -> Trial:
+def trial_of(figures: Figures, noise: float) -> Trial:
     """One of an image of which photons leave so much noise, and have some indirect light to show."""
     settings = RenderSettings(integrator=Integrator.PHOTONS, light_samples=4)
     by_photons = Figures(settings, noise=noise, of_indirect=0.0, vertices=0.0, light_samples=4, indirect=0.0)
@@ -308,17 +307,9 @@ def trial_of(figures: Sequence[Figures], noise: float) -> Trial:
     return Trial(by_photons, figures, NO_CAUSTICS, 1.0, 0.0, (None, None), 0.0, noises)
 
 
-def by_paths(noise: float, rays: int) -> Figures:
-    settings = RenderSettings(integrator=Integrator.PATH, light_samples=rays)
-    return Figures(settings, noise=noise, of_indirect=0.0, vertices=0.5, light_samples=rays, indirect=0.1)
-
-
-@pytest.mark.parametrize(("noise", "rays"), [(0.04, 4), (0.09, 1)], ids=["a third of the noise", "hardly less"])
-def test_paths_have_as_many_shadow_rays_as_pay(noise: float, rays: int) -> None:
-    """Both ways are tried: how much of a sample's noise is left depends on how many samples share lamps out."""
-    trial = trial_of([by_paths(0.1, 1), by_paths(noise, 4)], 0.01)
-    best, _ = _best_by_paths(trial, Prices(flatten(SMALL), NO_MAPS, 16), 16)
-    assert best.settings.light_samples == rays
+def by_paths(noise: float) -> Figures:
+    settings = RenderSettings(integrator=Integrator.PATH, light_samples=1)
+    return Figures(settings, noise=noise, of_indirect=0.0, vertices=0.5, light_samples=1, indirect=0.1)
 
 
 def test_whole_paths_are_the_better_use_of_time_where_noise_is_indirect() -> None:
@@ -332,7 +323,7 @@ def test_records_are_made_where_samples_do_not_hide_what_maps_get_wrong(noise: f
     """Their gather rays are dear, and beside much grain nobody sees what they are better at."""
     flat = flatten(cornell_box((128, 128)))
     plans = MapPlans((MapPlan(1 << 16), MapPlan(), MapPlan()), 0, (), (250_000.0, 0.0, 0.0))
-    trial = trial_of([by_paths(0.5, 1)], noise)
+    trial = trial_of(by_paths(0.5), noise)
     best, words = _best_by_photons(flat, plans, trial, replace(trial.by_photons.settings, spp=4, indirect=Indirect.MAP))
     assert best.settings.indirect is indirect
     assert words.startswith(f"indirect light: {indirect.value}, since error times price, what is seen as patches ")
@@ -351,7 +342,7 @@ def test_records_do_not_serve_coats() -> None:
 
 
 def test_records_are_not_made_where_gather_rays_find_no_photons() -> None:
-    trial = replace(trial_of([by_paths(0.5, 1)], 0.001), unread=0.9)
+    trial = replace(trial_of(by_paths(0.5), 0.001), unread=0.9)
     plans = MapPlans((MapPlan(1 << 16), MapPlan(), MapPlan()), 0, (), (250_000.0, 0.0, 0.0))
     _, words = _best_by_photons(flatten(SMALL), plans, trial, replace(trial.by_photons.settings, indirect=Indirect.MAP))
     assert words == "indirect light: map, since 90% of gather rays would find no photons within reach"

@@ -85,5 +85,5 @@ def beside_others(lamp: float) -> Scene:
 def test_light_of_the_next_room_is_seen_and_a_room_by_itself_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall that is thinner than gathers are wide, behind which it is many times as bright."""
     beside, alone = tried(beside_others(0.4), monkeypatch), tried(cornell_box((64, 64)), monkeypatch)
-    assert beside.bias > OVER_WIDE * beside.by_paths[0].indirect
-    assert alone.bias < 0.1 * OVER_WIDE * alone.by_paths[0].indirect
+    assert beside.bias > OVER_WIDE * beside.by_paths.indirect
+    assert alone.bias < 0.1 * OVER_WIDE * alone.by_paths.indirect
