@@ -36,6 +36,9 @@ _NEWS = struct.Struct("<iii")  # which, the number of the process, and its proce
 
 _OFTEN_S = 0.02
 
+LONGEST_S = 30.0
+"""How long a number of a process is waited for: a server that loads from a busy disk may take some seconds."""
+
 
 def can_serve() -> bool:
     """Whether this system has what fork servers need: Linux since 5.3, where a container does not forbid it."""
@@ -168,8 +171,9 @@ class Forked:
 
     @property
     def pid(self) -> int:
-        """Its process number, which is waited for; the server's, if it has not come to be."""
-        while self._known.pid is None and self._known.code is None:
+        """Its process number, which is waited for, LONGEST_S at most; the server's, if it has not come to be."""
+        deadline = time.monotonic() + LONGEST_S
+        while self._known.pid is None and self._known.code is None and time.monotonic() < deadline:
             self._server.take_news(1.0)
         return self._server.pid if self._known.pid is None else self._known.pid
 
@@ -190,9 +194,8 @@ class Forked:
         return self._known.code
 
     def kill(self) -> None:
-        """End it at once, as soon as there is such a process."""
-        if self.pid != self._server.pid:
-            self._server.kill(self._known)
+        """End it at once, if there is such a process; what its server has yet to fork ends with its standard input."""
+        self._server.kill(self._known)
 
 
 def _has_come(descriptor: int, seconds: float = 0.0) -> bool:

@@ -15,6 +15,7 @@ from typing import IO, NamedTuple
 import pytest
 from patience import WAIT_S, wait_until
 
+from wdpm.cluster.master import local_slaves
 from wdpm.cluster.master.local_slaves import LocalSlaves
 from wdpm.cluster.transport import fork_server
 from wdpm.cluster.transport.fork_server import ENDED_UNTOLD, Forked, ForkServer, can_serve
@@ -43,6 +44,10 @@ print("over", flush=True)
 
 NEVER = "import sys; sys.exit('no such device')"
 """A server that ends before it has forked anything."""
+
+
+STILL = "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)"
+"""A server that stands still before it has forked anything."""
 
 
 class Told(NamedTuple):
@@ -219,6 +224,19 @@ def test_slaves_go_on_without_their_server() -> None:
         assert told.process == numbers[1]
         assert told.reason.startswith("it ended, after what would have told how was killed")
     wait_until(lambda: not any(map(is_at_work, numbers)))
+
+
+def test_slaves_of_a_server_that_stands_still_from_the_start_are_not_waited_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(local_slaves, "GRACE_S", 0.2)
+    monkeypatch.setattr(fork_server, "LONGEST_S", 0.2)
+    slaves = LocalSlaves()
+    slaves.start(2, lambda _: [sys.executable, "-c", STILL], "", lambda: b"anna\n", forked=True)
+    (server,) = set(slaves.processes)  # in place of numbers that they do not have
+    assert list(slaves.ended()) == []
+    slaves.stop()
+    assert not is_at_work(server)
 
 
 def test_slaves_whose_server_cannot_start_say_why() -> None:
