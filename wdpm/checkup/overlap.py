@@ -110,7 +110,7 @@ def _neighbours(soup: Soup, rows: Ints) -> tuple[Ints, Ints, NDArray[np.bool_]]:
     """Pairs of triangles, rows of the soup, and whether there is space between them; a pair may come twice."""
     corners = soup.positions[rows]
     pad = float(np.float32(PAD_SHARE * soup.extent))
-    point, normal, triangle = _probes(corners, soup.front[rows])
+    point, normal, triangle = _probes(corners, soup.front[rows], pad)
     height = OFFSET_SHARE * np.abs(normal * point).sum(axis=1) + OFFSET_MIN_SHARE * soup.extent
     height = 2.0 * height + IN_PLANE * np.abs(point).max(axis=1)
     count = len(rows)
@@ -131,15 +131,19 @@ def _neighbours(soup: Soup, rows: Ints) -> tuple[Ints, Ints, NDArray[np.bool_]]:
     return rows[pairs[:, 0]], rows[pairs[:, 1]], pairs[:, 2].astype(np.bool_)
 
 
-def _probes(corners: NDArray[np.float32], front: NDArray[np.float64]) -> tuple[Any, Any, Ints]:
-    """Places on triangles that are large enough to have neighbours at all, normals there, and the triangles."""
+def _probes(corners: NDArray[np.float32], front: NDArray[np.float64], pad: float) -> tuple[Any, Any, Ints]:
+    """Places on triangles that are large enough to have neighbours at all, normals there, and the triangles.
+
+    Those smaller than the tree's pad, of specks in a scene that is far larger, are left out: a ray at one of them may
+    hit each of them, as far as the tree can tell, so looking at all would take the square of their number.
+    """
     p = corners.astype(np.float64)
     length = np.linalg.norm(front, axis=1)
     longest = np.linalg.norm(p - np.roll(p, 1, axis=1), axis=2).max(axis=1)
     # The circle in a triangle has a radius of at least a fourth of the height on its longest edge; near its rim, a
     # neighbour across the edge is met.
     wide = length / longest > 64.0 * IN_PLANE * np.abs(p).max(axis=(1, 2))
-    chosen = np.flatnonzero(wide)
+    chosen = np.flatnonzero(wide & (longest > pad))
     places = np.einsum("pc,tca->tpa", PLACES, p[chosen]).reshape(-1, 3)
     normal = np.repeat(front[chosen] / length[chosen, None], len(PLACES), axis=0)
     return places, normal, np.repeat(chosen, len(PLACES))
