@@ -12,6 +12,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.git_lfs import check_not_a_pointer
@@ -28,6 +30,7 @@ GLTF = (".gltf", ".glb")
 _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
 
+@np.errstate(over="ignore", invalid="ignore")  # check_scene says once, and in words, what is no number
 def load(
     source: str | PathLike[str] | Meshes,
     *,

@@ -20,7 +20,8 @@ def read_off(file: Path) -> MeshData:
     import trimesh  # here, as it takes a third of the time in which a command starts, and few scenes have OFF files
 
     try:
-        data = file.read_bytes()
+        # What is no ASCII stands in comments, or is wrong; trimesh would look for a library to guess its encoding.
+        data = file.read_bytes().decode("ascii", "replace").encode("ascii", "replace")
     except OSError as error:
         raise SceneError(f"cannot be read: {error.strerror}", file) from error
     try:

@@ -12,6 +12,9 @@ from wdpm.scenes.load import load
 
 OF_ANOTHER_KIND = "cannot be read as an image: it is broken, or of another kind than its name says"
 
+LOOKING = """<scene version="3.0.0"><shape type="cube"/><sensor type="perspective"><transform name="to_world">
+<lookat origin="0 0 5" target="0 0 0" up="{up}"/></transform></sensor></scene>"""
+
 
 @pytest.mark.parametrize(
     ("name", "data", "said"),
@@ -51,3 +54,29 @@ def test_scenes(body: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         load(file)
     assert str(caught.value) == f"{file}{said}"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "a.stl",
+            "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 -inf\nvertex 0 1 0\nendloop\nendfacet",
+            'mesh "a": vertex 1 is (1, 0, -inf), 1 not finite in all',
+        ),
+        ("a.xml", LOOKING.format(up="0 1 1e308"), "<lookat>: up is parallel to the line from origin to target"),
+        (
+            "a.xml",
+            '<scene version="3.0.0"><shape type="cube"/><emitter type="constant"><rgb name="radiance" value="1e39"/>'
+            "</emitter></scene>",
+            "its place or strength is negative or not finite in float32",
+        ),
+    ],
+)
+def test_numbers_that_are_none(name: str, text: str, said: str, tmp_path: Path) -> None:
+    """NumPy has nothing to add."""
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SceneError) as caught:
+        load(file)
+    assert str(caught.value).endswith(said)

@@ -234,6 +234,16 @@ def test_off(tmp_path: Path) -> None:
     assert np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2].sum() == 2.0  # twice the area, all facing up
 
 
+def test_bytes_of_any_encoding_in_an_off_file(tmp_path: Path) -> None:
+    """In comments they say nothing; anywhere else they are no numbers."""
+    file = tmp_path / "m.off"
+    file.write_bytes(b"OFF\n# W\xfcrfel\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n")
+    assert len(read_off(file).faces) == 1
+    file.write_bytes(b"OFF\n3 1 0\n0 0 \xfc\n1 0 0\n1 1 0\n3 0 1 2\n")
+    with pytest.raises(SceneError, match="not an OFF file, or truncated"):
+        read_off(file)
+
+
 @pytest.mark.parametrize(
     "text",
     [
