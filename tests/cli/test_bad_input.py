@@ -121,6 +121,8 @@ def test_a_wrong_scene(body: str, expected: list[str], here: Path, capsys: pytes
     [
         (["missing.xml"], "missing.xml"),
         (["cornell-bax"], "cornell-box"),
+        (["."], ".: not a scene: expected a file"),
+        ([""], ".: not a scene: expected a file"),
         (["cornell-box", "-o", "image.bmp"], "image.bmp"),
         (["cornell-box", "-o", "nowhere/image.exr"], "nowhere"),
         (["cornell-box", "-o", "x" * 300 + ".exr"], "name too long"),

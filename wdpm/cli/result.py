@@ -94,7 +94,8 @@ def first_output(args: argparse.Namespace) -> Path:
 def default_output(scene: str) -> Path:
     """`scenes/hall.xml` gives hall.exr, `atrium:2M` gives atrium.exr, both in the working folder."""
     path = Path(scene)
-    return Path((path.stem if path.suffix else path.name.partition(":")[0]) + ".exr")
+    name = path.stem if path.suffix else path.name.partition(":")[0]
+    return Path(f"{name or 'image'}.exr")  # `.` has no name; it is no scene either, which is for the loader to say
 
 
 def _refuse_negative(scene: Scene, outputs: list[Path]) -> None:
