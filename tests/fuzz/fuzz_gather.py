@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
+from awkward_places import AXES, F32, KIND_NAMES, Array, dot, make_ids, make_positions, make_queries, unit
 from fuzz_failure import Failure
 
 from wdpm.kernels.constants import (
@@ -32,12 +32,8 @@ from wdpm.kernels.photons.photon_map import PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-Array = npt.NDArray[Any]
-F32 = np.float32
-AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(F32)
 QUERIES = 512
 RUN = 16
-KINDS = ("lattice", "one place", "clusters", "far off", "plane", "volume", "line", "scales")
 RADII = (1e-12, 1e-6, 0.01, 0.125, 0.3, 1.0, 1e4, 1e15)
 
 
@@ -97,53 +93,33 @@ def nearest_kernel(
 def make_case(seed: int) -> Case:
     """Up to 4000 photons of one kind, and queries at photons and anywhere."""
     rng = np.random.default_rng(seed)
-    kind = str(rng.choice(KINDS))
+    kind = str(rng.choice(KIND_NAMES))
     count = int(rng.choice([0, 1, 2, 7, 8, 9, 64, 65, 513])) if rng.random() < 0.15 else int(2 ** rng.uniform(0, 12))
-    position = _positions(rng, kind, count)
+    k = int(rng.choice([1, 2, 3, 8, 50, 200, MAX_K]))
+    r_max = float(rng.choice(RADII)) if rng.random() < 0.5 else float(10.0 ** rng.uniform(-3, 1))
+    return case_of(rng, kind, count, k, r_max)
+
+
+def case_of(rng: np.random.Generator, kind: str, count: int, k: int, r_max: float, queries: int = QUERIES) -> Case:
+    """So many photons of a kind, and queries."""
+    position = make_positions(rng, kind, count)
     normal = AXES[rng.choice([0, 1, 2, 2, 2, 5], count)]
     if rng.random() < 0.4:  # a curved surface: cosines on both sides of the filter
-        normal = _unit(normal + rng.uniform(0, 0.6) * rng.normal(size=(count, 3)))
+        normal = unit(normal + rng.uniform(0, 0.6) * rng.normal(size=(count, 3)))
     photons = {
         "position": position,
         "flux": (rng.random((count, 3)) * 10.0 ** rng.integers(-8, 8, (count, 1))).astype(F32),
         "normal": normal,
-        "direction": _unit(rng.normal(size=(count, 3)) + normal),
-        "id": rng.permutation(10 * count)[:count].astype(np.int64) * 2**33,
+        "direction": unit(rng.normal(size=(count, 3)) + normal),
+        "id": make_ids(rng, count),
     }
-    at_photons = position[rng.integers(0, count, QUERIES)] if count else np.zeros((QUERIES, 3), F32)
-    x = np.where(rng.random((QUERIES, 1)) < 0.4, at_photons, _positions(rng, kind, QUERIES)).astype(F32)
+    x = make_queries(rng, kind, position, queries)
     if rng.random() < 0.5:  # a coherent run
         x = x[np.argsort(x[:, 0], kind="stable")]
-    n = AXES[rng.choice([2, 2, 5, 1], QUERIES)]
-    tilted = _unit(n + 0.3 * rng.normal(size=(QUERIES, 3)))
-    shading = np.where(rng.random((QUERIES, 1)) < 0.5, n, tilted).astype(F32)
-    k = int(rng.choice([1, 2, 3, 8, 50, 200, MAX_K]))
-    r_max = float(rng.choice(RADII)) if rng.random() < 0.5 else float(10.0 ** rng.uniform(-3, 1))
+    n = AXES[rng.choice([2, 2, 5, 1], queries)]
+    tilted = unit(n + 0.3 * rng.normal(size=(queries, 3)))
+    shading = np.where(rng.random((queries, 1)) < 0.5, n, tilted).astype(F32)
     return Case(photons, x, n, shading, k, r_max)
-
-
-def _positions(rng: np.random.Generator, kind: str, count: int) -> Array:
-    if kind == "lattice":  # many equal distances and coincident photons
-        p = rng.integers(0, 6, (count, 3)) / 8
-    elif kind == "one place":
-        p = np.full((count, 3), 0.25)
-    elif kind == "clusters":
-        p = rng.random((5, 3))[rng.integers(0, 5, count)] + 1e-4 * rng.normal(size=(count, 3))
-    elif kind == "far off":  # differences lose most of their bits
-        p = 4096 + np.floor(rng.random((count, 3)) * 512) / 512
-    elif kind == "plane":
-        p = rng.random((count, 3)) * [1, 1, 0]
-    elif kind == "line":
-        p = rng.random((count, 1)) * [1.0, 0.5, 0.25]
-    elif kind == "scales":  # photons ever closer to one place
-        p = 0.5 + 10.0 ** rng.uniform(-7, 0, (count, 1)) * rng.normal(size=(count, 3))
-    else:
-        p = rng.random((count, 3))
-    return p.astype(F32)
-
-
-def _unit(v: Array) -> Array:
-    return (v / np.linalg.norm(v, axis=-1, keepdims=True)).astype(F32)
 
 
 def gather_all(case: Case) -> Result:
@@ -176,9 +152,9 @@ def expect(case: Case) -> Result:
     least2 = max(r_max2 * F32(COINCIDENT_SHARE2), F32(LEAST_SQUARE))
     for q, (x, n, s) in enumerate(zip(case.position, case.normal, case.shading, strict=True)):
         d = position - x
-        height = _dot(d, n)
-        d2 = _dot(d, d) + F32(FLATTENING**2 - 1) * (height * height)
-        passes = (d2 <= r_max2) & (_dot(facing, n) > F32(NORMAL_COS))
+        height = dot(d, n)
+        d2 = dot(d, d) + F32(FLATTENING**2 - 1) * (height * height)
+        passes = (d2 <= r_max2) & (dot(facing, n) > F32(NORMAL_COS))
         found = np.flatnonzero(passes)
         found = found[np.lexsort((rank[found], d2[found]))[: case.k + 1]]
         full = len(found) > case.k
@@ -195,16 +171,11 @@ def expect(case: Case) -> Result:
     return Result(ids, irradiance, np.array(counts), np.array(radii, F32), np.array(truncated))
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """In the order of the kernels, in float32."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-
-
 def _estimate(flux: Array, facing: Array, direction: Array, lean: Array, area2: Any) -> Array:
     terms = flux
     if lean.any():
-        arriving = _dot(facing, direction)
-        leaning = np.maximum(arriving + _dot(lean, direction), F32(0))
+        arriving = dot(facing, direction)
+        leaning = np.maximum(arriving + dot(lean, direction), F32(0))
         weight = np.minimum(leaning / np.maximum(arriving, F32(MIN_ARRIVAL_COS)), F32(ADJOINT_BOUND))
         terms = terms * weight[:, None]
     largest = float(np.abs(terms).max(initial=0))

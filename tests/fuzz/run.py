@@ -26,7 +26,8 @@ from fuzz_failure import Failure
 
 from wdpm.quiet import quiet_warp
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "helpers"))  # pytest has it from pyproject.toml
+HELPERS = Path(__file__).resolve().parents[1] / "helpers"
+sys.path += [str(HELPERS), str(HELPERS / "geometry")]  # pytest has them from pyproject.toml
 
 FUZZERS = {
     "traversal": "rays",

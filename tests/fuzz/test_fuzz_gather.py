@@ -6,14 +6,25 @@ from dataclasses import replace
 
 import fuzz_gather
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from wdpm.kernels.photons.gather_settings import MAX_K
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_the_k_nearest_photons(seed: int) -> None:
     assert fuzz_gather.run_case(seed)[1] == []
+
+
+@pytest.mark.parametrize("kind", ["one place", "lattice", "clusters", "volume"])
+@pytest.mark.parametrize("k", [1, 50, MAX_K])
+def test_a_full_buffer_loses_no_photon(kind: str, k: int) -> None:
+    """Far more photons within the first radius than the buffer holds, at equal distances too."""
+    case = fuzz_gather.case_of(np.random.default_rng(5), kind, 9000, k, 0.9, queries=12)
+    assert fuzz_gather.judge(case, fuzz_gather.gather_all(case), fuzz_gather.expect(case)) == []
 
 
 def test_another_photon_is_noticed() -> None:

@@ -21,10 +21,24 @@ seeds = st.integers(0, 2**32 - 1)
 kinds = st.lists(st.sampled_from(sorted(KINDS)), min_size=1, max_size=3).map(tuple)
 
 
-@settings(max_examples=40)
-@given(seeds, kinds)
-def test_nearest_and_any_hits(seed: int, kinds: tuple[str, ...]) -> None:
+@settings(max_examples=150)
+@given(seeds, kinds, st.booleans())
+def test_nearest_and_any_hits(seed: int, kinds: tuple[str, ...], grown: bool) -> None:
+    """Also in boxes that are not grown: there a hit that rounds out of its triangle's box depends on the tree."""
     case = fuzz_traversal.make_case(seed, kinds, rays=512)
+    if not grown:
+        case = replace(case, pad=0.0)
+    assert fuzz_traversal.judge(case, fuzz_traversal.trace(case)) == []
+
+
+def test_nearest_and_any_hits_from_far_away() -> None:
+    """10,000 extents away, where the pad does not cover the slab arithmetic."""
+    rng = np.random.default_rng(3)
+    triangles = (ball(8) * [1.0, 0.7, 1.3]).astype(F32)
+    origin = rng.normal(size=(1000, 3))
+    origin = (20_000 * origin / np.linalg.norm(origin, axis=1, keepdims=True)).astype(F32)
+    direction = triangles[rng.integers(0, len(triangles), len(origin))].mean(axis=1) - origin
+    case = fuzz_traversal.Case(triangles, np.arange(len(triangles), dtype=np.int32), origin, direction, 2.0**-17)
     assert fuzz_traversal.judge(case, fuzz_traversal.trace(case)) == []
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import warp as wp
+from awkward_places import AXES, COUNTS, F32, KINDS, SEEDS, Array, dot, make_ids, make_positions, make_queries
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -16,9 +16,6 @@ from wdpm.kernels.constants import FLATTENING, NORMAL_COS
 from wdpm.kernels.irradiance import at_photons
 from wdpm.scenes.errors import SettingsError, WdpmError
 
-F32 = np.float32
-Array = npt.NDArray[Any]
-AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(F32)
 examples = settings(max_examples=60, deadline=None, derandomize=True)
 
 
@@ -64,11 +61,6 @@ def read(points: Any, x: Array, n: Array, reach: float, chunk: int = 1 << 30) ->
     return Answers(*(out.numpy() for out in outputs))
 
 
-def dot(a: Array, b: Array) -> Array:
-    """In the order of the kernels, in float32."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-
-
 def brute_force(points: Points, x: Array, n: Array, reach: float) -> Answers:
     answers = Answers(np.zeros((len(x), 3), F32), np.zeros(len(x), F32), np.zeros(len(x), bool))
     for q in range(len(x)):
@@ -84,40 +76,20 @@ def brute_force(points: Points, x: Array, n: Array, reach: float) -> Answers:
     return answers
 
 
-def make_positions(rng: np.random.Generator, kind: str, count: int) -> Array:
-    if kind == "lattice":  # many equal distances, and several points in one place
-        p = rng.integers(0, 6, (count, 3)) / 8
-    elif kind == "one place":
-        p = np.full((count, 3), 0.25)
-    elif kind == "clusters":
-        p = rng.random((5, 3))[rng.integers(0, 5, count)] + 1e-4 * rng.standard_normal((count, 3))
-    elif kind == "far off":  # differences lose most of their bits
-        p = 4096 + np.floor(rng.random((count, 3)) * 512) / 512
-    elif kind == "plane":
-        p = rng.random((count, 3)) * [1, 1, 0]
-    else:
-        p = rng.random((count, 3))
-    return p.astype(F32)
-
-
 def make_case(seed: int, kind: str, count: int, query_count: int = 40) -> tuple[Points, Array, Array]:
     rng = np.random.default_rng(seed)
     position = make_positions(rng, kind, count)
     normal = AXES[rng.choice([0, 1, 2, 2, 2, 5], count)] + F32(0.2) * rng.standard_normal((count, 3)).astype(F32)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    ids = rng.permutation(10 * count)[:count].astype(np.int64) * 2**33
+    ids = make_ids(rng, count)
     # Each point has another value, so that the value tells which was found.
     value = np.stack([np.arange(count), ids % 1009, np.ones(count)], axis=1).astype(F32)
     points = Points(position, value, normal, 1 + rng.random(count).astype(F32), ids)
-    at_points = position[rng.integers(0, max(count, 1), query_count)] if count else np.zeros((query_count, 3), F32)
-    x = np.where(rng.random((query_count, 1)) < 0.4, at_points, make_positions(rng, kind, query_count))
-    return points, x.astype(F32), AXES[rng.choice([2, 2, 5, 1], query_count)]
+    x = make_queries(rng, kind, position, query_count)
+    return points, x, AXES[rng.choice([2, 2, 5, 1], query_count)]
 
 
-KINDS = st.sampled_from(["lattice", "one place", "clusters", "far off", "plane", "volume"])
-COUNTS = st.one_of(st.sampled_from([0, 1, 2, 7, 8, 9, 16, 17, 64, 65, 512, 513, 3000]), st.integers(0, 1500))
 REACHES = st.sampled_from([1e-12, 1e-4, 0.01, 0.125, 0.3, 1.0, 1e4, 1e15])
-SEEDS = st.integers(0, 2**32 - 1)
 
 
 @examples
