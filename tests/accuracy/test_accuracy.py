@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import exit_code
 
 from wdpm.accuracy import render as accuracy_render
 from wdpm.accuracy import run as accuracy_run
@@ -58,14 +59,6 @@ def of_two_points(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Accur
 @pytest.fixture
 def copied(of_two_points: tuple[Path, Accuracy], tmp_path: Path) -> Path:
     return shutil.copytree(of_two_points[0], tmp_path / "copy")
-
-
-def run(arguments: list[str]) -> int:
-    """Like main, with the exit of argparse as a return value."""
-    try:
-        return main.main(arguments)
-    except SystemExit as stop:
-        return int(stop.code or 0)
 
 
 # ---- figures ------------------------------------------------------------------------------------------------------
@@ -157,7 +150,7 @@ def test_the_command_of_a_point_renders_its_image(swept: tuple[Path, Accuracy], 
     point = next(point for point in found.points if point.name.startswith("radius"))
     words = shlex.split(point.command)
     assert words[:3] == ["wdpm", "render", "cornell-box"]
-    assert run([*words[1:], "-q", "-o", str(tmp_path / "point.exr")]) == 0
+    assert exit_code([*words[1:], "-q", "-o", str(tmp_path / "point.exr")]) == 0
     again, kept = load(tmp_path / "point.exr"), load(folder / point.images[0])
     assert np.array_equal(again.pixels, kept.pixels)
 
@@ -356,7 +349,7 @@ def test_bad_input_is_one_line_and_nothing_is_rendered(
     flat(Path("small.exr"), size=(9, 8))
     flat(Path("same.npy"))
     Image({"beauty": np.zeros((SIZE[1], SIZE[0], 3), np.float32)}).save("black.exr")
-    assert run(["accuracy", "cornell-box", "--size", "20x14", "-q", *BASE, *arguments]) == main.EXIT_BAD_INPUT
+    assert exit_code(["accuracy", "cornell-box", "--size", "20x14", "-q", *BASE, *arguments]) == main.EXIT_BAD_INPUT
     error = capsys.readouterr().err.strip()
     assert complaint in error
     assert "Traceback" not in error
@@ -365,7 +358,7 @@ def test_bad_input_is_one_line_and_nothing_is_rendered(
 
 def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["accuracy", "cornell-box", "--size", "12x10", *BASE, "--sweep", "spp=1,4", "--reference-time", "0.01s"]
-    assert run([*arguments, "-o", str(tmp_path / "new" / "folder")]) == 0
+    assert exit_code([*arguments, "-o", str(tmp_path / "new" / "folder")]) == 0
     output = capsys.readouterr()
     assert "plan: 3 points, 3 seeds each, 9 renders" in output.err
     assert "Pareto front" in output.out

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import refusal
 from rich.console import Console
 
 from wdpm.bench import kernels, paper, photons
@@ -274,15 +275,7 @@ def test_options_of_the_papers_table_reach_the_renders(
     ],
 )
 def test_a_mistyped_line_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    try:
-        code: Any = main.main(arguments)
-    except SystemExit as exit:
-        code = exit.code
-    assert code == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("wdpm: error: ")
-    assert err.count("\n") == 1
+    assert refusal(arguments, capsys)
 
 
 def test_slave_counts_are_taken_once() -> None:

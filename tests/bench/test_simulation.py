@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from command_line import refusal
 
 from wdpm.bench.simulation import measure, paper
 from wdpm.bench.simulation.backend import SimulatedBackend
@@ -234,9 +235,4 @@ def test_the_papers_scenes_are_looked_for(tmp_path: Path, monkeypatch: pytest.Mo
     ],
 )
 def test_mistakes_are_one_line(option: str, value: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
-        code = main.main(["bench", "scaling", "cornell-box", option, *value.split()])
-    except SystemExit as ended:  # argparse
-        code = ended.code
-    assert code == 2
-    assert words in capsys.readouterr().err
+    assert words in refusal(["bench", "scaling", "cornell-box", option, *value.split()], capsys)

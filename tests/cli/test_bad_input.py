@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import exit_code
 from free_ports import free_port
 
 import wdpm
@@ -61,11 +62,7 @@ def ply(vertices: list[tuple[float, float, float]], faces: list[tuple[int, int, 
 
 def said(arguments: list[str], capsys: pytest.CaptureFixture[str], *, code: int = 2) -> str:
     """The one line on standard error of a command that must end with a code."""
-    try:
-        ended = main(arguments)
-    except SystemExit as stop:  # what the parser of the command line finds
-        ended = int(stop.code or 0)
-    assert ended == code
+    assert exit_code(arguments) == code
     captured = capsys.readouterr()
     lines = [line for line in captured.err.splitlines() if line.startswith("wdpm: error: ")]
     assert len(lines) == 1, captured.err

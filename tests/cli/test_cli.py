@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import exit_code, refusal
 
 from wdpm.cli import compare, main
 from wdpm.cli import options as cli_options
@@ -29,14 +30,6 @@ from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError,
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
 COMMANDS = list(main.COMMANDS)
-
-
-def run(arguments: list[str]) -> int:
-    """Like main, with the exit of argparse as a return value."""
-    try:
-        return main.main(arguments)
-    except SystemExit as stop:
-        return int(stop.code or 0)
 
 
 def scene(samples: int | None = None, max_depth: int | None = None) -> Scene:
@@ -97,25 +90,26 @@ def renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Renderer:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_every_command_has_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run([command, "--help"]) == 0
+    assert exit_code([command, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"  wdpm {command} " in text.split("examples:")[1]
     assert "None" not in text
 
 
 def test_the_first_page_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["--help"]) == 0
+    assert exit_code(["--help"]) == 0
     text = capsys.readouterr().out
     assert all(f"\n    {command} " in text for command in COMMANDS)
-    assert run([]) == 2
+    assert exit_code([]) == 2
     assert capsys.readouterr().err == text
 
 
-def test_help_needs_nothing_that_computes() -> None:
+@pytest.mark.parametrize("command", ["render", "bench"])
+def test_help_needs_nothing_that_computes(command: str) -> None:
     code = (
         "import sys\n"
         "from wdpm.cli.main import main\n"
-        "try: main(['render', '--help'])\n"
+        f"try: main(['{command}', '--help'])\n"
         "except SystemExit: pass\n"
         "print(sorted({'warp', 'zmq', 'rich'} & set(sys.modules)), file=sys.stderr)"
     )
@@ -124,7 +118,7 @@ def test_help_needs_nothing_that_computes() -> None:
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["--version"]) == 0
+    assert exit_code(["--version"]) == 0
     assert capsys.readouterr().out.startswith("wdpm ")
 
 
@@ -150,11 +144,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_a_mistyped_line_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("wdpm: error: ")
-    assert err.count("\n") == 1
+    assert refusal(arguments, capsys)
 
 
 def test_errors_and_interruption_have_their_exit_codes(
@@ -167,10 +157,10 @@ def test_errors_and_interruption_have_their_exit_codes(
         return command
 
     monkeypatch.setattr(compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
-    assert run(["compare", "a", "b"]) == 2
+    assert exit_code(["compare", "a", "b"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.xml:3: no lamp\n"
     monkeypatch.setattr(compare, "run", raises(KeyboardInterrupt()))
-    assert run(["compare", "a", "b"]) == 130
+    assert exit_code(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
     for error, code in (
         (MasterLostError("the master has gone"), 75),
@@ -178,7 +168,7 @@ def test_errors_and_interruption_have_their_exit_codes(
         (ClusterError("a slave failed"), 1),
     ):
         monkeypatch.setattr(compare, "run", raises(error))
-        assert run(["compare", "a", "b"]) == code
+        assert exit_code(["compare", "a", "b"]) == code
         assert capsys.readouterr().err == f"wdpm: error: {error}\n"
 
 
@@ -190,7 +180,7 @@ def test_every_setting_has_an_option_and_none_is_unknown() -> None:
 
 
 def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
-    assert run(["render", "cornell-box", "--quiet"]) == 0
+    assert exit_code(["render", "cornell-box", "--quiet"]) == 0
     assert renderer.rendered["settings"] == RenderSettings()
     assert renderer.backend["slaves"] == 0
     assert renderer.backend["device"] == "cpu"
@@ -214,7 +204,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 "
         "--lenient --camera left --compile first -q"
     )
-    assert run(line.split()) == 0
+    assert exit_code(line.split()) == 0
     assert renderer.rendered["settings"] == RenderSettings(
         photons=1_000_000,
         k=80,
@@ -250,22 +240,22 @@ def test_negative_pixels_and_hdr_files_do_not_go_together(
 ) -> None:
     camera = Camera(np.eye(4), 40.0, filter=PixelFilter(FilterKind.LANCZOS, 3.0))
     renderer.scene = Scene("a scene", (), (), (), camera)
-    assert run(["render", "a.xml", "-o", "a.hdr", "-q"]) == 2
+    assert exit_code(["render", "a.xml", "-o", "a.hdr", "-q"]) == 2
     assert "negative lobes" in capsys.readouterr().err
     assert renderer.rendered == {}
-    assert run(["render", "a.xml", "-o", "a.exr", "-q"]) == 0
+    assert exit_code(["render", "a.xml", "-o", "a.exr", "-q"]) == 0
 
 
 def test_what_the_scene_asks_for_lies_between_default_and_option(renderer: Renderer) -> None:
     renderer.scene = scene(samples=128, max_depth=5)
-    run(["render", "a.xml", "-q"])
+    exit_code(["render", "a.xml", "-q"])
     assert (renderer.rendered["settings"].spp, renderer.rendered["settings"].max_depth) == (128, 5)
-    run(["render", "a.xml", "-q", "--spp", "2", "--max-depth", "9"])
+    exit_code(["render", "a.xml", "-q", "--spp", "2", "--max-depth", "9"])
     assert (renderer.rendered["settings"].spp, renderer.rendered["settings"].max_depth) == (2, 9)
 
 
 def test_several_outputs_and_the_report(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["render", "a.xml", "-o", "a.exr", "-o", "a.png", "--report", "a.json"]) == 0
+    assert exit_code(["render", "a.xml", "-o", "a.exr", "-o", "a.png", "--report", "a.json"]) == 0
     assert np.array_equal(load("a.exr").pixels, renderer.pixels)
     assert load("a.png").shape == (2, 3)
     report = from_dict(json.loads(Path("a.json").read_text()))
@@ -279,10 +269,10 @@ def test_several_outputs_and_the_report(renderer: Renderer, capsys: pytest.Captu
 
 def test_pictures_are_exposed_and_a_dark_one_is_told_of(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:
     renderer.pixels = np.full((2, 3, 3), 0.18 / 4, dtype=np.float32)
-    assert run(["render", "a.xml", "-o", "a.exr", "-o", "a.png"]) == 0
+    assert exit_code(["render", "a.xml", "-o", "a.exr", "-o", "a.png"]) == 0
     assert "wrote a.png at +0 stops: it is dark; --exposure auto would take +2\n" in capsys.readouterr().out
     dark = load("a.png").pixels
-    assert run(["render", "a.xml", "-o", "a.exr", "-o", "b.png", "--exposure", "auto"]) == 0
+    assert exit_code(["render", "a.xml", "-o", "a.exr", "-o", "b.png", "--exposure", "auto"]) == 0
     assert "wrote b.png at +2 stops\n" in capsys.readouterr().out
     assert load("b.png").pixels == pytest.approx(4 * dark, rel=0.02)
     assert load("a.exr").metadata["look"] == {"exposure": 2.0, "transform": "standard"}
@@ -290,7 +280,7 @@ def test_pictures_are_exposed_and_a_dark_one_is_told_of(renderer: Renderer, caps
 
 
 def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: ARG001
-    assert run(["render", "a.xml", "--quiet"]) == 0
+    assert exit_code(["render", "a.xml", "--quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
 
@@ -307,7 +297,7 @@ def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) 
 def test_what_is_misspelt_is_named_with_what_was_meant(
     words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(words) == 2
+    assert exit_code(words) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert line.endswith(message)
 
@@ -333,7 +323,7 @@ def test_what_is_misspelt_is_named_with_what_was_meant(
 def test_what_cannot_work_is_told_before_the_scene_is_read(
     options: list[str], message: str, renderer: Renderer, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert run(["render", "a.xml", *options]) == 2
+    assert exit_code(["render", "a.xml", *options]) == 2
     assert message in capsys.readouterr().err
     assert renderer.loaded == {}
 
@@ -342,7 +332,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
     renderer: Renderer, capsys: pytest.CaptureFixture[str]
 ) -> None:
     renderer.pixels = np.full((2, 3, 3), np.nan, dtype=np.float32)
-    assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "a.exr"]) == 2
+    assert exit_code(["render", "a.xml", "-q", "-o", "a.png", "-o", "a.exr"]) == 2
     assert capsys.readouterr().err.startswith("wdpm: error: a.png: 6 pixels are NaN")
     assert load("a.exr").shape == (2, 3)
 
@@ -360,7 +350,7 @@ def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     Path("kept").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(Path("kept").resolve()))
     monkeypatch.setattr(passes, "render_in_passes", render)
-    assert run(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
+    assert exit_code(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
     err = capsys.readouterr().err
     [kept] = Path("kept").glob("*/a.exr")
     assert err.startswith("wdpm: error: out/a.png: cannot be written: no such file")
@@ -373,7 +363,7 @@ def test_a_full_disk_is_found_before_the_render(
 ) -> None:
     full = shutil.disk_usage(".")._replace(free=1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
-    assert run(["render", "a.xml", "-q", "-o", "a.exr"]) == 2
+    assert exit_code(["render", "a.xml", "-q", "-o", "a.exr"]) == 2
     assert "has 1000 bytes left" in capsys.readouterr().err
     assert renderer.rendered == {}
 
@@ -388,7 +378,7 @@ def test_records_that_cannot_be_written_cost_neither_image_nor_report(
         raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
 
     monkeypatch.setattr(passes, "render_in_passes", failing)
-    assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
+    assert exit_code(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
     assert load("a.exr").shape == (2, 3)
     assert from_dict(json.loads(Path("a.json").read_text())).phases["render"] == 1.5
@@ -398,7 +388,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_report(
     renderer: Renderer, capsys: pytest.CaptureFixture[str]
 ) -> None:
     renderer.pixels = np.full((2, 3, 3), np.nan, dtype=np.float32)
-    assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "b.png", "--report", "a.json"]) == 2
+    assert exit_code(["render", "a.xml", "-q", "-o", "a.png", "-o", "b.png", "--report", "a.json"]) == 2
     err = capsys.readouterr().err
     assert err.count("pixels are NaN") == 2
     assert err.count("\n") == 1
@@ -409,7 +399,7 @@ def test_the_master_gets_its_options(renderer: Renderer) -> None:
     line = (
         "master a.xml -q --slaves 3..5 --copies none --bind tcp://10.0.0.1:7000 --keys folder --spp 2 --join-timeout 2m"
     )
-    assert run(line.split()) == 0
+    assert exit_code(line.split()) == 0
     expected = {"keys": Path("folder"), "insecure": False, "join_timeout": 120.0, "observers": ()}
     expected |= {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "most": 5, "copies": Copies.NONE}
     assert renderer.backend == expected
@@ -423,9 +413,8 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
     monkeypatch.setattr(serving, "security_of", lambda *security: security)
     monkeypatch.setattr(serving, "serve", lambda *where, **options: asked.update(where=where, **options))
-    assert (
-        run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure", "--rejoin", "1.5h"]) == 0
-    )
+    words = ["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure", "--rejoin", "1.5h"]
+    assert exit_code(words) == 0
     assert asked == {
         "where": ("tcp://10.0.0.1:7000", ("tcp://10.0.0.1:7000", None, True)),
         "threads": 2,

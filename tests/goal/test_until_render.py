@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_line import exit_code
 
 import wdpm
 from wdpm.accuracy.predict import predict
@@ -41,14 +42,6 @@ from wdpm.scenes.model.scene import Scene
 SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
 FEW = {"photons": 20_000, "caustic_photons": 0, "volume_photons": 0}
 FEW_OPTIONS = ["--photons", "20000"]
-
-
-def exit_code(words: list[str]) -> object:
-    """What a shell sees, whoever finds the mistake: the parser exits by itself."""
-    try:
-        return main(words)
-    except SystemExit as end:
-        return end.code
 
 
 @pytest.fixture(scope="module")
