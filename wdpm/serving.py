@@ -115,15 +115,21 @@ def serve(
 
 
 def load_ahead() -> None:
-    """Import what computes, and load what is compiled of the kernels of all scenes, for the CPU, before there is work.
+    """Do what each slave must before there is work: imports, versions, codecs of messages, kernels of all scenes.
 
     For a process that slaves are forked from. What fails here fails in each of them as well, which tells the master.
     """
+    import numpy.ma  # noqa: F401 - numpy.unique does
+
+    from wdpm.cluster.messages import packing, protocol
     from wdpm.cluster.transport.zeromq import network  # noqa: F401
+    from wdpm.cluster.versions import versions
     from wdpm.cluster.work import worker  # noqa: F401
     from wdpm.kernels.compile import load_compiled
 
     with contextlib.suppress(OSError, RuntimeError, WdpmError):
+        versions()
+        packing.prepare(protocol.Message)
         quiet_warp()
         load_compiled()
 

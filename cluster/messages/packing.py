@@ -102,6 +102,23 @@ def by_name(union: Any) -> dict[str, type]:
     return {member.__name__: member for member in typing.get_args(union)}
 
 
+def prepare(hint: Any) -> None:
+    """Find out ahead how values of a type hint go over the wire, and all that these are made of."""
+    found: set[Any] = set()
+    left = [hint]
+    while left:
+        each = left.pop()
+        if each in found:
+            continue
+        found.add(each)
+        if isinstance(each, type) and is_dataclass(each):
+            left += _hints(each).values()
+        elif not _is_array(each):
+            left += typing.get_args(each)
+        if each is not Ellipsis:
+            _codec_of(each)
+
+
 def _header(frame: Frame, most_bytes: int) -> tuple[str, Any]:
     if len(frame) > most_bytes:
         raise ProtocolError(f"a header of {len(frame)} bytes; at most {most_bytes} are taken")
@@ -191,6 +208,7 @@ Unpacker = Callable[[Any, str, Frames], Any]
 """(what stands in the header, where, frames of arrays) -> value."""
 
 
+@functools.cache
 def _hints(cls: Any) -> dict[str, Any]:
     """Type hints of a dataclass's fields, in order."""
     hints = typing.get_type_hints(cls)
