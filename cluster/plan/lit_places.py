@@ -30,9 +30,9 @@ def lit_places(pilot: PhotonPilot, cache: CachePlan) -> LitPlaces:
         return NO_LIT_PLACES
     chosen = np.linspace(0, count - 1, min(PLACES, count)).astype(np.intp)
     position = photons["position"][chosen]
-    normal = np.where(photons["front"][chosen, None] == 1, photons["normal"][chosen], -photons["normal"][chosen])
     power = photons["flux"][chosen].mean(axis=1, dtype=np.float64) * (count / len(chosen) / paths)
-    return LitPlaces(position, normal.astype(np.float32), power.astype(np.float32), _radius(position))
+    # A photon's normal is on the side that it came to, front or not.
+    return LitPlaces(position, photons["normal"][chosen], power.astype(np.float32), _radius(position))
 
 
 def _radius(position: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -19,7 +19,7 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import FlatScene, flatten
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import Scene, diffuse
 
 CACHED = RenderSettings(indirect=Indirect.CACHE, integrator=Integrator.PHOTONS, spp=8, photons=60_000)
 
@@ -52,6 +52,16 @@ def test_places_stand_for_all_light_that_comes_to_surfaces() -> None:
     assert found.power.sum() == pytest.approx(flat.lights.power.sum(), rel=0.02)
     np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1.0, atol=1e-6)
     assert (found.radius > 0).all()
+
+
+@pytest.mark.parametrize("edges", [((4, 0, 0), (0, 4, 0)), ((0, 4, 0), (4, 0, 0))], ids=["front", "back"])
+def test_places_face_the_light_that_comes_to_them(edges: tuple[tuple[float, ...], ...]) -> None:
+    """A wall that the sun lights from outside has no light to send into the room, whichever side is its front."""
+    lamp = quad((-1, -1, 1), (0, 2, 0), (2, 0, 0), emission=(5.0, 5.0, 5.0))
+    room = scene([lamp, quad((-2, -2, 0), *edges)], view((0, -3, 2), (0, 0, 0), 60), ALBEDO)
+    found = found_in(flatten(replace(room, materials=(diffuse("grey", ALBEDO, twosided=True),))))
+    assert len(found) == PLACES
+    assert (found.normal[:, 2] > 0.99).all()
 
 
 def test_places_are_the_same_on_any_number_of_threads() -> None:
