@@ -22,7 +22,7 @@ CACHE_PLAN = CachePlan(
     most=5.0,
     wanted=0.1,
     tolerance=0.025,
-    extra=3.0,
+    extra=2.0,
 )
 """Strata about as long as wide; candidates from every 32nd pixel to all: what no record reaches then traces a gather
 ray a sample, and shows as single pixels along edges. The tolerance leaves most records of plain rooms as they

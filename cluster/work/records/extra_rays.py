@@ -10,7 +10,7 @@ mean of all records would be off.
 What is smaller than a stratum escapes the rays around it as well: the inside of a lamp's cup, a patch of sun far away.
 One record in ten meets it, counts it ten times over, and is a bright blotch among dark ones. Where lights shine first
 is known, though (cluster.plan.lit_places), and with it what comes from there through each stratum if nothing stands in
-between: where that is more than the rays around have met, the stratum gets rays of its own.
+between: what of that the rays around have not met adds to the spread that they tell.
 """
 
 from __future__ import annotations
@@ -31,9 +31,6 @@ sum."""
 PEAK = 2.0
 """Standard deviation of what one ray brings through a stratum, over its mean, if all comes from a fifth of it."""
 
-MOST_FOR_UNSEEN = 16.0
-"""Most rays of a stratum for light that no ray has met: it may be occluded, and such rays cost as much as others."""
-
 
 def extra_rays(
     radiance: Values, unoccluded: NDArray[np.float32], shot: NDArray[np.bool_], tolerance: float, most: int
@@ -51,7 +48,8 @@ def extra_rays(
         shape [N, rows, columns].
     """
     near, beside = around(radiance)
-    spread = neighbours_spread(radiance)
+    unseen = np.maximum(_smoothed(unoccluded.astype(np.float64)) - near / beside, 0.0)
+    spread = np.sqrt(neighbours_spread(radiance) ** 2 + (PEAK * unseen) ** 2)
     near_spread, _ = around(spread)
     # Both sums as they would be if the stratum were like what is around it: its own ray has no part in them.
     total = _total(radiance) - radiance + near / beside
@@ -60,12 +58,10 @@ def extra_rays(
     with np.errstate(divide="ignore", invalid="ignore"):
         wanted = np.where(total > 0, spreads / (tolerance * total), 0.0) ** 2
         share = np.where(spreads > 0, spread / spreads, 0.0)
-        unseen = np.where(total > 0, np.maximum(unoccluded - near / beside, 0.0) / total, 0.0)
-    for_unseen = np.minimum((PEAK / tolerance * unseen) ** 2, MOST_FOR_UNSEEN)
     strata = radiance[0].size
     asked = np.minimum(wanted, float(most + strata)) * share - 1.0  # each has one ray already
     rounding = (np.arange(1, strata + 1) * GOLDEN % 1.0).reshape(radiance.shape[1:])
-    return np.where(shot, np.floor(np.maximum(asked, for_unseen) + rounding), 0.0).astype(np.int64)
+    return np.where(shot, np.floor(np.maximum(asked, 0.0) + rounding), 0.0).astype(np.int64)
 
 
 def standard_errors(radiance: Values, counts: Counts) -> Values:
@@ -85,6 +81,13 @@ def standard_errors(radiance: Values, counts: Counts) -> Values:
     variance = (spread2 / (counts + 1.0)).reshape(len(radiance), -1).cumsum(axis=1)[:, -1]
     errors: Values = np.sqrt(variance) * (math.pi / radiance[0].size)
     return errors
+
+
+def _smoothed(values: Values) -> Values:
+    """Half of what each stratum has, and half of the mean of what is around it: few places tell of each."""
+    total, count = around(values)
+    smooth: Values = 0.5 * values + 0.5 * total / count
+    return smooth
 
 
 def _total(values: Values) -> Values:
