@@ -24,6 +24,7 @@ from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, TracedWhole
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.kernels.lights import lights
 from wdpm.kernels.rays import cell_triangles, two_level
 from wdpm.kernels.rays.instances import upload_instances
 from wdpm.scenes.errors import ProtocolError
@@ -58,7 +59,7 @@ class Cell:
         def make() -> list[Any]:
             device = replica.launcher.device
             instances = upload_instances(triangles.instances, device)
-            trees = two_level.build(triangles, instances, replica.pad, device)
+            trees = two_level.build(triangles, instances, replica.pad, device, lights.balls(replica.lights))
             triangles.let_go()
             return [trees, cell_triangles.upload(triangles, replica.world.extent, device, instances)]
 

@@ -16,6 +16,11 @@ from wdpm.kernels.maths.directions import around, uniform_cone
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+CLEARANCE = wp.constant(2.0**-16)
+ROUNDINGS = wp.constant(2.0**-21)
+"""Shares of the radius and of the distances that the end's coordinates are made of: WayToBall.clearance."""
+
+
 @wp.struct
 class WayToBall:
     """A way from a place to a ball.
@@ -24,11 +29,14 @@ class WayToBall:
         direction: unit.
         normal: of the ball that holds the lamp's mesh, where the way meets it; unit.
         end: that point.
+        clearance: how far before it a shadow ray is to end, so that for certain none of the ball is in its way, and it
+            need not look there (kernels.rays.ball_bounds). Some 2^-16 of the radius, and a few roundings of the way.
     """
 
     direction: wp.vec3
     normal: wp.vec3
     end: wp.vec3
+    clearance: wp.float32
 
 
 @wp.func
@@ -72,4 +80,6 @@ def way_to_ball(node: LightNode, ball: wp.float32, position: wp.vec3, u: wp.vec2
     found.direction = around(axis, local)
     found.normal = wp.normalize(arm)
     found.end = node.center + arm
+    place = wp.abs(node.center[0]) + wp.abs(node.center[1]) + wp.abs(node.center[2])
+    found.clearance = CLEARANCE * node.radius + ROUNDINGS * (place + distance)
     return found

@@ -121,7 +121,7 @@ def make_direct(features: Features) -> DirectCode:
             if chosen.probability > 0.0:
                 there = way_to_ball(lights.tree.nodes[chosen.leaf], chosen.ball, position, chosen.u)
                 s.direction = there.direction
-                s.end = leave(there.end, there.normal, lights.offset_min)
+                s.end = leave(there.end, there.normal, lights.offset_min + there.clearance)
                 s.pdf = chosen.probability / chosen.solid_angle
                 s.radiance = lights.emitter_radiance[lights.emitter[element]]
             return s

@@ -19,6 +19,7 @@ from wdpm.kernels.lights.delta import DeltaLights
 from wdpm.kernels.lights.environment import Environment
 from wdpm.kernels.lights.guide import Guide
 from wdpm.kernels.lights.tree import BELOW_ONE, LightTree
+from wdpm.kernels.rays.ball_bounds import Balls
 from wdpm.scenes.flat.areas import triangle_areas, triangle_normals
 from wdpm.scenes.flat.light_table import LightTable
 
@@ -98,6 +99,13 @@ def upload(table: LightTable, extent: float, device: str) -> Lights:
     lights.distant = upload_shares(table.power[lights.first_distant :], device)
     lights.offset_min = float(extent) * OFFSET_MIN_SHARE
     return lights
+
+
+def balls(lights: Lights) -> Balls:
+    """Which glowing meshes are balls."""
+    leaf = lights.tree.ball_of.numpy()
+    emitter = np.flatnonzero(leaf >= 0).astype(np.int32)
+    return Balls(emitter, lights.tree.nodes.numpy()["center"][leaf[emitter]].reshape(-1, 3))
 
 
 def guided(lights: Lights, guide: Guide, around: Environment) -> Lights:

@@ -9,7 +9,7 @@ import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.direct import DirectCode, make_direct
-from wdpm.kernels.lights.elements import Lights, guided, upload, upload_shares
+from wdpm.kernels.lights.elements import Lights, balls, guided, upload, upload_shares
 from wdpm.kernels.lights.emission import make_emission
 from wdpm.kernels.lights.photon_targets import Targets, upload_targets
 from wdpm.kernels.lights.samples import DirectSample, Emission
@@ -25,6 +25,7 @@ __all__ = [
     "Lights",
     "Targets",
     "around",
+    "balls",
     "cluster_targets",
     "concentric_disk",
     "guided",

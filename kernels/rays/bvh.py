@@ -13,7 +13,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays import bvh_build
+from wdpm.kernels.rays import ball_bounds, bvh_build
+from wdpm.kernels.rays.ball_bounds import BallBounds, without_balls
 from wdpm.kernels.rays.bvh_build import CHILD_STACK, MAX_DEPTH
 from wdpm.kernels.rays.lanes import (
     child_code,
@@ -50,6 +51,7 @@ class Bvh:
             floats at a time, so eight more follow the last.
         ids: global triangle ids in the order of the leaves, shape [T].
         pad: by how much the box of every triangle was grown.
+        balls: further bounds of some children, which any_hit heeds.
     """
 
     bounds: wp.array[vec8]
@@ -57,6 +59,7 @@ class Bvh:
     corners: wp.array[wp.float32]
     ids: wp.array[wp.int32]
     pad: wp.float32
+    balls: BallBounds
 
 
 def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, device: str = "cpu") -> Bvh:
@@ -76,6 +79,7 @@ def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, de
     bvh.corners = tree.corners.to(device)
     bvh.ids = tree.ids.to(device)
     bvh.pad = pad
+    bvh.balls = ball_bounds.no_bounds(device)
     return bvh
 
 
@@ -198,6 +202,8 @@ def any_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, t_max: float)
             enter = children_enter(bvh.bounds, node, origin, ray.inverse)
             leave = children_leave(bvh.bounds, node, origin, ray.inverse_leave, t_max)
             mask = lanes_not_above(enter, leave)
+            if bvh.balls.mask.shape[0] > 0:
+                mask = without_balls(bvh.balls, node, mask, origin, direction, t_max)
             if mask != 0:
                 code = child_code(bvh.children, node, lowest_bit(mask))
                 mask = mask & (mask - 1)

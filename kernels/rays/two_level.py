@@ -27,7 +27,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays import bvh, bvh_build
+from wdpm.kernels.rays import ball_bounds, bvh, bvh_build
+from wdpm.kernels.rays.ball_bounds import NO_BALLS, Balls
 from wdpm.kernels.rays.bvh import Bvh, leaf_first
 from wdpm.kernels.rays.bvh_build import CHILD_STACK, WIDTH
 from wdpm.kernels.rays.instances import DeviceInstances, instance_corner
@@ -94,16 +95,22 @@ class Trees:
     edge: wp.array[wp.float32]
 
 
-def build(triangles: Triangles, uploaded: Any, pad: float, device: str) -> Any:
+def build(triangles: Triangles, uploaded: Any, pad: float, device: str, balls: Balls = NO_BALLS) -> Any:
     """Trees over a cell's triangles and instances: Trees.
 
     Args:
         uploaded: its instances on the device (rays.instances.DeviceInstances).
         pad: as for bvh.build.
+        balls: which of its glowing meshes are balls.
     """
     instances = triangles.instances
     trees = Trees()
     trees.plain = bvh.build(triangles.positions, triangles.ids, pad, device)
+    if len(balls.emitter):
+        rows = np.searchsorted(triangles.ids, trees.plain.ids.numpy())
+        children = trees.plain.children.numpy()
+        found = ball_bounds.bound(children, rows, triangles.positions, triangles.emitter, balls, device)
+        trees.plain.balls = found
     low, high = instance_boxes(instances)
     boxes = np.stack([low - PADS * pad, high + PADS * pad, low - PADS * pad], axis=1).astype(np.float32)
     trees.places = bvh.build(boxes, np.arange(len(instances), dtype=np.int32), pad, device)
@@ -173,6 +180,7 @@ def _shapes(
     joined.corners = wp.array(every, dtype=wp.float32, device=device)
     joined.ids = wp.array(np.concatenate([np.zeros(0, np.int32), *ids]), dtype=wp.int32, device=device)
     joined.pad = pad
+    joined.balls = ball_bounds.no_bounds(device)
     return joined, nodes[:-1]
 
 

@@ -1,4 +1,4 @@
-"""Guards of rays and triangles: kernels/rays/triangle.py, lanes.py, bvh.py, bvh_build.py."""
+"""Guards of rays and triangles: kernels/rays/triangle.py, lanes.py, bvh.py, bvh_build.py, ball_bounds.py."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from guard import Guard, hard
 
 TRAVERSAL = "tests/kernels/rays/test_traversal.py::"
 EXTREMES = "tests/kernels/rays/test_traversal_extremes.py::"
+BALLS = "tests/kernels/rays/test_ball_bounds.py::"
 FUZZ = "tests/fuzz/test_fuzz_traversal.py::"
 
 GUARDS = (
@@ -120,6 +121,20 @@ GUARDS = (
         prevents="rays along a wall far from their origin leave its box before they enter it",
         changes=(("EXIT_SCALE = wp.constant(1.0 + 2.0**-21)", "EXIT_SCALE = wp.constant(1.0)"),),
         tests=(FUZZ + "test_closed_meshes_leak_nothing",),
+    ),
+    Guard(
+        name="balls hold their meshes",
+        file="kernels/rays/ball_bounds.py",
+        prevents="a ray into a round lamp passes by it",
+        changes=(("GROW = 1.0 + 2.0**-18", "GROW = 1.0 - 2.0**-8"),),
+        tests=(BALLS + "test_balls_skip_no_hit",),
+    ),
+    Guard(
+        name="shadow rays end before balls",
+        file="kernels/lights/balls.py",
+        prevents="shadow rays to round lamps look for blockers in vain among the lamps' own triangles",
+        changes=(("CLEARANCE * node.radius + ROUNDINGS * (place + distance)", "0.0"),),
+        tests=(BALLS + "test_shadow_rays_pass_by_the_balls_that_they_lead_to",),
     ),
     Guard(
         name="a finite inverse of zero",
