@@ -158,8 +158,18 @@ def build_light_tree(table: LightTable) -> LightTree:
 
 def _apexes(corners: NDArray[np.float32], others: NDArray[np.float32]) -> Numbers:
     """The corner of each triangle that its other half does not have, shape [N]; corners have shapes [N, 3, 3]."""
-    shared = (corners[:, :, None] == others[:, None]).all(axis=3).any(axis=2)
-    return np.argmin(shared, axis=1)
+    return np.argmin(_shared(corners, others), axis=1)
+
+
+def _shared(corners: NDArray[np.float32], others: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Which corners of each triangle another has as well, shape [N, 3]; corners have shapes [N, 3, 3]."""
+    shared = np.zeros(corners.shape[:2], np.bool_)
+    for corner in range(3):
+        other = others[:, None, corner]
+        shared |= (
+            (corners[..., 0] == other[..., 0]) & (corners[..., 1] == other[..., 1]) & (corners[..., 2] == other[..., 2])
+        )
+    return shared
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -226,10 +236,10 @@ def _quadrilaterals(table: LightTable, normal: Array, shines: NDArray[np.bool_])
     second = np.zeros(len(normal), np.bool_)
     if len(normal) < 2:
         return second
-    one, other = table.corners[:-1], table.corners[1:]
-    same = (one[:, :, None] == other[:, None]).all(axis=3).sum(axis=(1, 2)) == 2
+    same = (table.light[: len(normal) - 1] == table.light[1 : len(normal)]) & shines[:-1] & shines[1:]
     same &= _dot(normal[:-1], normal[1:]) > SAME_NORMAL
-    same &= (table.light[: len(normal) - 1] == table.light[1 : len(normal)]) & shines[:-1] & shines[1:]
+    rows = np.flatnonzero(same)  # few, where lamps are round: corners take longest to compare
+    same[rows] = _shared(table.corners[rows], table.corners[rows + 1]).sum(axis=1) == 2
     # In a run of triangles that all go with the one before, every other is a second half.
     start = np.flatnonzero(np.concatenate([[True], ~same]))
     place = np.arange(len(normal)) - np.repeat(start, np.diff(np.append(start, len(normal))))
