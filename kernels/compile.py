@@ -14,6 +14,7 @@ from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, 
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
     arrivals,
+    at_camera_hits,
     at_photons,
     cache,
     gather_places,
@@ -51,6 +52,7 @@ COMMON = (
     cache,
     at_photons,
     arrivals,
+    at_camera_hits,
     records,
     overlap,
     kd_order,

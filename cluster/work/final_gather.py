@@ -34,6 +34,7 @@ from wdpm.kernels.camera import vertices
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.irradiance.arrivals import ARRIVALS, read_arrivals
+from wdpm.kernels.irradiance.at_camera_hits import OF_RECORDS, read_records
 from wdpm.kernels.irradiance.at_photons import read_irradiance
 from wdpm.kernels.irradiance.cache import interpolate
 from wdpm.kernels.irradiance.gather_places import Places, places_of_paths
@@ -88,10 +89,14 @@ class Actions:
             among: the vertices that this is asked of.
         """
         reads = among & (self.codes != int(vertices.TRACE_ON))
+        if reads.all():
+            return weight * self.radiance
         return np.where(reads[:, None], weight * self.radiance, np.float32(0.0)).astype(np.float32)
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
-        """Those of some vertices."""
+        """Those of some vertices, ascending."""
+        if len(rows) == len(self.codes):
+            return self
         told = self.by_photons[rows], self.by_length[rows]
         return Actions(self.codes[rows], *told, self.radiance[rows], self.length[rows])
 
@@ -135,6 +140,11 @@ class FinalGather:
             actions, found = self._arrive(self._store.irradiance, paths, arrays)
             self._read_records(paths, arrays, found, actions)
             return actions
+        # Records are made for paths of one edge: from others all light is as many edges longer.
+        later = arrays["edges"] > 1 if "edges" in arrays else np.zeros(count, np.bool_)
+        later &= self._is_too_long(arrays, 1)
+        if self._replica.cache is not None and not arrived.any() and not later.any():
+            return self._ask_records(self._replica.cache, paths, arrays)
         places = self._places(paths, count)
         actions = Actions(
             np.full(count, int(vertices.TRACE_ON), np.int32),
@@ -145,10 +155,35 @@ class FinalGather:
         )
         found = self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
         self._read_records(paths, arrays, found, actions)
-        # Records are made for paths of one edge: from others all light is as many edges longer.
-        later = arrays["edges"] > 1 if "edges" in arrays else False
-        self._interpolate(places, np.flatnonzero(~arrived & ~(later & self._is_too_long(arrays, 1))), actions)
+        self._interpolate(places, np.flatnonzero(~arrived & ~later), actions)
         return actions
+
+    def _ask_records(self, cache: Any, paths: Any, arrays: Arrays) -> Actions:
+        """As _interpolate, of all, for which one kernel does it all.
+
+        Args:
+            cache: irradiance records.
+            paths, arrays: see decide; without a diffuse scattering so far.
+        """
+        launcher, count = self._replica.launcher, len(arrays["slot"])
+        made = columns.outputs(OF_RECORDS, count, launcher.device)
+        began = time.perf_counter()
+        launcher(
+            read_records,
+            count,
+            surfaces=self._surfaces,
+            cache=cache,
+            sides=columns.array_over(self._replica.lambertian_sides, wp.int32, launcher.device),
+            paths=paths,
+            **{f"{name}_out": array for name, array in made.items()},
+        )
+        self.counters.interpolated_s += time.perf_counter() - began
+        told = columns.to_host(made)
+        covered = int(np.count_nonzero(told["code"] == int(vertices.CACHED)))
+        self.counters.interpolated += covered
+        self.counters.uncovered += int(np.count_nonzero(told["asked"])) - covered
+        none = np.zeros(count, np.bool_)
+        return Actions(told["code"], none, self._is_too_long(arrays, 0), told["value"], told["length"])
 
     def _arrive(self, points: Any, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
         """As _read, where all are gather rays that have arrived, for which one kernel does it all.

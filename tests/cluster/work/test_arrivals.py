@@ -1,4 +1,4 @@
-"""What gather rays read by one kernel is what the steps of the others give, bit for bit."""
+"""What gather rays and camera hits read by one kernel each is what the steps of the others give, bit for bit."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections import Counter
 from typing import Any
 from unittest import mock
 
+import effect_scenes
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -22,17 +23,26 @@ from wdpm.scenes import cornell_box
 SCENE = cornell_box((16, 16))
 
 
-def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
-    """Places, readings and decisions one after another."""
+ACTIONS = ("codes", "by_photons", "by_length", "radiance", "length")
+
+
+def undecided(gather: FinalGather, places: Any, arrays: Arrays) -> Actions:
+    """All go on."""
     count = len(arrays["slot"])
-    places = gather._places(paths, count)
-    actions = Actions(
+    return Actions(
         np.full(count, int(vertices.TRACE_ON), np.int32),
         np.zeros(count, np.bool_),
         gather._is_too_long(arrays, 0),
         np.zeros((count, 3), np.float32),
         places.length.numpy(),
     )
+
+
+def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
+    """Places, readings and decisions one after another."""
+    count = len(arrays["slot"])
+    places = gather._places(paths, count)
+    actions = undecided(gather, places, arrays)
     return actions, gather._read(places, np.arange(count), arrays["diffuse"], actions)
 
 
@@ -49,7 +59,7 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
         expected, near = step_by_step(gather, paths, arrays)
         actions, found = arrive(gather, points, paths, arrays)
         np.testing.assert_array_equal(found, near)
-        for name in ("codes", "by_photons", "by_length", "radiance", "length"):
+        for name in ACTIONS:
             np.testing.assert_array_equal(getattr(actions, name), getattr(expected, name))
         codes.update(actions.codes.tolist())
         return actions, found
@@ -58,6 +68,31 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
     plain = render_in_process(SCENE, settings, workers=1, threads=1)
     with mock.patch.object(FinalGather, "_arrive", both), by_batches():
         checked = render_in_process(SCENE, settings, workers=1, threads=1)
+    assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
+    assert checked.digest() == plain.digest()
+
+
+def test_one_kernel_asks_records_as_three_steps_do() -> None:
+    ask, codes = FinalGather._ask_records, Counter()
+
+    def both(gather: FinalGather, cache: Any, paths: Any, arrays: Arrays) -> Actions:
+        counted = vars(gather.counters).copy()
+        places = gather._places(paths, len(arrays["slot"]))
+        expected = undecided(gather, places, arrays)
+        gather._interpolate(places, np.arange(len(arrays["slot"])), expected)
+        by_steps = gather.counters.interpolated, gather.counters.uncovered
+        vars(gather.counters).update(counted)
+        actions = ask(gather, cache, paths, arrays)
+        assert (gather.counters.interpolated, gather.counters.uncovered) == by_steps
+        for name in ACTIONS:
+            np.testing.assert_array_equal(getattr(actions, name), getattr(expected, name))
+        codes.update(actions.codes.tolist())
+        return actions
+
+    scene, settings = effect_scenes.metals(), RenderSettings(photons=2000, spp=2, indirect=Indirect.CACHE)
+    plain = render_in_process(scene, settings, workers=1, threads=1)
+    with mock.patch.object(FinalGather, "_ask_records", both), mock.patch.object(WholeSamples, "can_be", False):
+        checked = render_in_process(scene, settings, workers=1, threads=1)
     assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
     assert checked.digest() == plain.digest()
 
