@@ -31,20 +31,19 @@ def trial(number: int, seed: int) -> Trial:
     what = drawn(chance, number)
     wanted = expected(*what.picture)
     victims, moment = chance.randint(1, SLAVES - 1), MOMENTS[number % len(MOMENTS)]
+    lone = number % 2 == 1
     began = time.monotonic()
-    error = _render([what.scene, *options_of(what)], chance, victims, moment, wanted)
-    happened = f"{victims} of {SLAVES} killed at {moment}"
+    error = _render([what.scene, *options_of(what)], chance, victims, moment, wanted, lone=lone)
+    happened = f"{victims} of {SLAVES} killed at {moment}{', and what they were forked from' if lone else ''}"
     return Trial("early", number, what, (happened,), time.monotonic() - began, error=error)
 
 
-def slaves_of(process: int) -> list[int]:
-    """Numbers of the slaves that a process has started, or had forked by one of their kind."""
-    slaves = []
-    for child in _children(process):
-        words = _words(child)
-        if "slave" in words:
-            slaves += _children(child) if "--fork-server" in words else [child]
-    return slaves
+def slaves_of(process: int) -> tuple[list[int], list[int]]:
+    """Numbers of the slaves that a process has started, or had forked, and of what they were forked from."""
+    started = [child for child in _children(process) if "slave" in _words(child)]
+    servers = [child for child in started if "--fork-server" in _words(child)]
+    forked = [slave for server in servers for slave in _children(server)]
+    return [child for child in started if child not in servers] + forked, servers
 
 
 def _children(process: int) -> list[int]:
@@ -62,8 +61,12 @@ def _words(process: int) -> list[str]:
     return []
 
 
-def _render(words: list[str], chance: random.Random, victims: int, moment: str, wanted: str) -> str:
-    """Returns what is wrong."""
+def _render(words: list[str], chance: random.Random, victims: int, moment: str, wanted: str, *, lone: bool) -> str:
+    """Returns what is wrong.
+
+    Args:
+        lone: what slaves are forked from is killed first.
+    """
     with tempfile.TemporaryDirectory() as folder:
         output, log, said = Path(folder) / "image.exr", Path(folder) / "log", Path(folder) / "said"
         whole = command("render", *words, "--slaves", str(SLAVES), "--log", str(log), "-o", str(output))
@@ -71,10 +74,10 @@ def _render(words: list[str], chance: random.Random, victims: int, moment: str, 
             render = subprocess.Popen(whole, env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=errors)
             try:
                 while render.poll() is None:
-                    slaves = slaves_of(render.pid)
+                    slaves, servers = slaves_of(render.pid)
                     there = log.read_text() if log.exists() else ""
                     if len(slaves) == SLAVES and (moment == "started" or moment in there):
-                        for victim in chance.sample(slaves, victims):
+                        for victim in (*(servers if lone else ()), *chance.sample(slaves, victims)):
                             os.kill(victim, signal.SIGKILL)
                         break
                     time.sleep(0.005)
