@@ -111,7 +111,7 @@ def make_worker(number: int, world: World, partition: Mapping[int, Triangles], h
 
 @pytest.mark.parametrize(
     ("team", "cells", "routing"),
-    [(1, 1, Routing.MERGE), (2, 2, Routing.FORWARD), (4, 4, Routing.FORWARD), (4, 4, Routing.MERGE)],
+    [(1, 1, Routing.MERGE), (2, 4, Routing.FORWARD), (4, 4, Routing.MERGE)],
 )
 def test_an_image_keeps_its_bits(monkeypatch: pytest.MonkeyPatch, team: int, cells: int, routing: Routing) -> None:
     """With kernels, an irradiance cache and two passes; every slave that was there at first may be gone at the end."""
