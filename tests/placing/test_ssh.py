@@ -104,14 +104,14 @@ ROOM = """<scene version="3.0.0">
 def test_keys_go_over_standard_input_and_nothing_of_them_is_a_word(
     ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    does = ('head -n 1 > "{0}/keys"', 'echo "$@" > "{0}/words"', "cat", 'touch "{0}/end"')
+    does = ('head -n 1 >> "{0}/keys"', 'echo "$@" >> "{0}/words"', "cat", 'touch "{0}/end"')
     program = script(tmp_path, "\n".join(does).format(tmp_path))
     slaves = SshSlaves([Host("bert", 2)], program)
     slaves.start(ENDPOINT, lambda: b"a line of keys\n")
-    wait_until(lambda: text_of(tmp_path / "words"), "the start of the slave", slaves.ended)
-    assert (tmp_path / "keys").read_text() == "a line of keys\n"
+    wait_until(lambda: text_of(tmp_path / "words").count("\n") == 2, "the start of both slaves", slaves.ended)
+    assert (tmp_path / "keys").read_text() == 2 * "a line of keys\n"
     said = f"slave {ENDPOINT} --keys - --life-line --device cpu --share 2\n"
-    assert (tmp_path / "words").read_text() == said
+    assert (tmp_path / "words").read_text() == 2 * said
     assert not [word for call in calls(ssh) for word in call if "line of keys" in word]
     assert not (tmp_path / "end").exists()
     monkeypatch.setattr(ssh_slaves, "GRACE_S", WAIT_S)
