@@ -135,9 +135,9 @@ def _seconds(function: Callable[[], object]) -> float:
     return time.thread_time() - begin
 
 
-def _ball_in_room(resolution: int = 185) -> Array:
-    """A bumpy ball with 2 resolution² triangles in a closed room; shape [T, 3, 3]."""
-    polar, around = np.meshgrid(np.linspace(0, np.pi, resolution + 1), np.linspace(0, 2 * np.pi, resolution + 1))
+def _ball_in_room() -> Array:
+    """A bumpy ball of 2 x 185² triangles in a closed room; shape [T, 3, 3]."""
+    polar, around = np.meshgrid(np.linspace(0, np.pi, 186), np.linspace(0, 2 * np.pi, 186))
     radius = 1 + 0.1 * np.sin(9 * polar) * np.sin(7 * around) + 0.02 * np.sin(40 * polar) * np.sin(50 * around)
     sine = np.sin(polar)
     ball = np.stack([radius * sine * np.cos(around), radius * np.cos(polar), radius * sine * np.sin(around)], axis=-1)

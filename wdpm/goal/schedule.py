@@ -167,9 +167,7 @@ def lone_left(lone: tuple[float, ...], samples: int) -> float:
     return sum(lone[gone:]) * unseen * (TRIED / samples) ** 2
 
 
-def soonest(
-    trials: Iterable[Trial], mean_square: float, least: int = LEAST_PASSES, *, likely: bool = False
-) -> Schedule | None:
+def soonest(trials: Iterable[Trial], mean_square: float, *, likely: bool = False) -> Schedule | None:
     """The schedule that is expected to be known to have reached an error soonest; None if none does.
 
     Args:
@@ -179,7 +177,7 @@ def soonest(
         reaching
         for trial in trials
         for samples in _powers_of_two()
-        if (reaching := _first_to_reach(trial, samples, mean_square, least, likely)) is not None
+        if (reaching := _first_to_reach(trial, samples, mean_square, likely)) is not None
     ]
     return min(found, key=lambda each: each.seconds, default=None)
 
@@ -203,18 +201,18 @@ def nearest(trials: Iterable[Trial], seconds: float) -> Schedule:
     )
 
 
-def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, likely: bool) -> Schedule | None:
+def _first_to_reach(trial: Trial, samples: int, mean_square: float, likely: bool) -> Schedule | None:
     """With the fewest passes that do."""
 
     def reaches(passes: int) -> bool:
         return MARGIN * schedule_of(trial, passes, samples, likely=likely).error <= mean_square
 
-    high = least
+    high = LEAST_PASSES
     while not reaches(high):
         high *= 2
         if high > MOST_PASSES:
             return None
-    low = max(high // 2, least)
+    low = max(high // 2, LEAST_PASSES)
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if reaches(middle) else (middle + 1, high)

@@ -91,7 +91,6 @@ class SshSlaves:
         threads: of each; None for its part of the cores.
         memory: most that each may use [bytes].
         device: that they compute on.
-        ssh: the client.
 
     Raises:
         SettingsError: ssh is not there, or a host cannot be found.
@@ -105,13 +104,11 @@ class SshSlaves:
         threads: int | None = None,
         memory: int | None = None,
         device: str = "cpu",
-        ssh: str = "ssh",
     ) -> None:
         self._program = program
         self._threads = threads
         self._memory = memory
         self._device = device
-        self._ssh = ssh
         self._places = [_Place(host) for host in hosts for _ in range(host.slaves)]
         names = {host: self._real_name(host) for host in hosts}
         self._numbers = {host: address_towards([name, *names.values()]) for host, name in names.items()}
@@ -214,11 +211,11 @@ class SshSlaves:
         words += [] if self._memory is None else ["--memory", f"{-(-self._memory // 1024)}K"]
         options = [word for name, value in _OPTIONS.items() for word in ("-o", f"{name}={value}")]
         # ssh hands one line to a shell there, whatever it is given.
-        return [self._ssh, "-T", *options, "--", place.host.name, shlex.join(words)]
+        return ["ssh", "-T", *options, "--", place.host.name, shlex.join(words)]
 
     def _real_name(self, host: Host) -> str:
         """The machine that a host's name means in the configuration of ssh."""
-        command = [self._ssh, "-G", "--", host.name]
+        command = ["ssh", "-G", "--", host.name]
         try:
             lines = answer_of(command, _ASK_S).splitlines()
         except SettingsError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,14 +51,12 @@ class Status:
     Args:
         title: of the page.
         passes: whether there will be several, so that one can have enough of them.
-        clock: seconds, growing.
     """
 
-    def __init__(self, title: str, passes: bool, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, title: str, passes: bool) -> None:
         self._title = title
         self._passes = passes
-        self._clock = clock
-        self._began = clock()
+        self._began = time.monotonic()
         self._phase, self._done = "", 0
         self._total: int | None = None
         self._left = TimeLeft(self._began, None)
@@ -71,17 +69,17 @@ class Status:
     @property
     def seconds(self) -> float:
         """Since it began."""
-        return self._clock() - self._began
+        return time.monotonic() - self._began
 
     def start(self, phase: str, total: int | None) -> None:
         """A phase begins."""
         self._phase, self._total, self._done = phase, total, 0
-        self._left = TimeLeft(self._clock(), total)
+        self._left = TimeLeft(time.monotonic(), total)
 
     def advance(self, amount: int) -> None:
         """Units of it are done."""
         self._done += amount
-        self._left.advance(self._clock(), amount)
+        self._left.advance(time.monotonic(), amount)
 
     def note(self, text: str) -> None:
         """A line for the person."""
@@ -104,7 +102,7 @@ class Status:
             self._slaves.append(SlaveStatus(f"slave {number}", []))
         slave = self._slaves[bucket.slave]
         slave.buckets += 1
-        slave.bucket_at = self._clock()
+        slave.bucket_at = time.monotonic()
 
     def see(self, seen: Sequence[SlaveSeen]) -> None:
         """What slaves hold and take now; all that ever were, by number."""
@@ -138,7 +136,7 @@ class Status:
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, as JSON has it (docs/view.md)."""
-        now = self._clock()
+        now = time.monotonic()
         return {
             "kind": "status",
             "title": self._title,
