@@ -186,9 +186,9 @@ class Plugin:
             raise element.error(f'{self}: "{name}" must be one of {", ".join(options)}, got "{value}"')
         return value
 
-    def take_file(self, name: str = "filename") -> Path:
-        element = self._values.get(name, self.element)
-        return self.document.resolve_file(self.take_string(name), element)
+    def take_file(self) -> Path:
+        element = self._values.get("filename", self.element)
+        return self.document.resolve_file(self.take_string("filename"), element)
 
     def take_point(self, name: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
         element = self._take(name, ("point", "vector"))
