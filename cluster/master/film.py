@@ -12,7 +12,7 @@ from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.scenes.errors import ProtocolError
 
 
-def spiral(width: int, height: int, bucket: int, first_number: int = 0) -> list[BucketTask]:
+def spiral(width: int, height: int, bucket: int) -> list[BucketTask]:
     """The buckets of an image, ring by ring from its centre: a person sees first what the picture is about.
 
     Args:
@@ -28,7 +28,7 @@ def spiral(width: int, height: int, bucket: int, first_number: int = 0) -> list[
     order = sorted(((x, y) for y in range(rows) for x in range(columns)), key=distance)
     return [
         BucketTask(
-            first_number + index,
+            index,
             x * bucket,
             y * bucket,
             min((x + 1) * bucket, width),
