@@ -136,23 +136,22 @@ def test_a_slave_that_does_not_start_is_an_error(host: str, text: str, said: str
 
 @pytest.mark.sockets
 @pytest.mark.usefixtures("ssh")
-def test_a_slave_that_does_not_start_is_not_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("host", "timeout", "said"),
+    [
+        ("deaf", "100s", "no slave runs on deaf: .*Connection refused; 1 other is there"),
+        ("mute", "8s", "1 of 2 slaves have joined"),
+    ],
+    ids=["does not start", "hangs"],
+)
+def test_a_slave_that_does_not_come_is_not_waited_for_long(
+    host: str, timeout: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     image = tmp_path / "box.exr"
     words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
-    words += ["--hosts", "deaf,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
-    assert main(["render", *words]) == 0
-    assert re.search("no slave runs on deaf: .*Connection refused; 1 other is there", capfd.readouterr().err)
-    assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
-
-
-@pytest.mark.sockets
-@pytest.mark.usefixtures("ssh")
-def test_an_ssh_that_hangs_is_not_waited_for_long(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    image = tmp_path / "box.exr"
-    words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
-    words += ["--hosts", "mute,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
-    assert main(["render", *words, "--join-timeout", "8s"]) == 0
-    assert "1 of 2 slaves have joined" in capfd.readouterr().err
+    words += ["--hosts", f"{host},bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
+    assert main(["render", *words, "--join-timeout", timeout]) == 0
+    assert re.search(said, capfd.readouterr().err)
     assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
 
 
