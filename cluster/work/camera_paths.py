@@ -21,7 +21,7 @@ from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.shadows import Shadows
-from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, WholeSamples, add_counts
+from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, RecordRays, WholeSamples, add_counts
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
@@ -75,10 +75,10 @@ class CameraPaths:
         self.final_gather.begin_view()
         self.whole.begin_view(self._scene)
 
-    def trace_rays_whole(self, rays: Any, distance: NDArray[np.float32]) -> RaysTracedWhole | None:
+    def trace_rays_whole(self, rays: RecordRays) -> RaysTracedWhole | None:
         """As WholeSamples.trace_rays, for rays as they set out."""
-        self._visit(rays, len(distance), fresh=False)
-        return self.whole.trace_rays(rays, distance)
+        self._visit(rays.paths, len(rays.distance), fresh=False)
+        return self.whole.trace_rays(rays)
 
     def count_whole(self, counts: Counts) -> None:
         """Count what samples did that were followed to their ends, now that they are not rendered again."""

@@ -22,7 +22,7 @@ from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_paths import PhotonPaths
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, TracedWhole
+from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, RecordRays, TracedWhole
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.lights import lights
 from wdpm.kernels.rays import cell_triangles, two_level
@@ -114,9 +114,9 @@ class Cell:
             self._in_files.let_go()
         return added
 
-    def trace_rays_whole(self, rays: Any, distance: NDArray[np.float32]) -> RaysTracedWhole | None:
+    def trace_rays_whole(self, rays: RecordRays) -> RaysTracedWhole | None:
         """As CameraPaths.trace_rays_whole."""
-        traced = self._camera_paths.trace_rays_whole(rays, distance)
+        traced = self._camera_paths.trace_rays_whole(rays)
         if self._in_files is not None:
             self._in_files.let_go()
         return traced

@@ -19,15 +19,16 @@ import functools
 import warp as wp
 
 from wdpm.kernels.camera.add_samples import Sums
-from wdpm.kernels.camera.camera import CameraView, make_camera
+from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera.misses import make_escaped
-from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
+from wdpm.kernels.camera.paths import Vertex, camera_path
 from wdpm.kernels.camera.rays import begin_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.shading import make_shade
 from wdpm.kernels.camera.shadow_rays import SEGMENT_END, Passage, make_pass_through
 from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, SHOTS_LATER, TRACE_ON, Orders, Shaded
 from wdpm.kernels.features import Features
+from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites, record_path
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
@@ -284,6 +285,22 @@ def make_first_path(features: Features) -> wp.Function:
     return first_path
 
 
+@wp.func
+def arrived_ray(
+    scene: wp.ref[Scene], sites: wp.ref[Sites], rays: wp.ref[ArrivedRays], i: wp.int32, first_sample: wp.int32
+) -> Vertex:
+    """A gather ray where it arrives."""
+    sample = first_sample + rays.ray[i]
+    offset_min = scene.lights.offset_min
+    p = record_path(sites, rays.record[i], sample, rays.direction[i], scene.camera.medium, offset_min)
+    p.item = wp.uint32(whole_pixel(scene.camera, p.pixel))
+    p.t = rays.t[i]
+    p.prim = rays.prim[i]
+    p.u = rays.u[i]
+    p.v = rays.v[i]
+    return p
+
+
 @functools.cache
 def make_trace_samples(features: Features) -> wp.Kernel:
     """The kernel `trace_samples` for a set of features without media."""
@@ -296,8 +313,8 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         trees: Trees,
         known: KnownLight,
         pixels: Pixels,
-        rays: Paths,
-        order: wp.array[wp.int32],
+        sites: Sites,
+        rays: ArrivedRays,
         start: wp.int32,
         samples: wp.int32,
         orders: Orders,
@@ -313,31 +330,29 @@ def make_trace_samples(features: Features) -> wp.Kernel:
     ) -> None:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
 
-        Or find what comes along gather rays of records: where there are any, they are its items in place of pixels, in
-        an order in which one reads what the one before it did: rays of a record end all over the scene.
+        Or find what comes along gather rays of records: where there are any, they are its items in place of pixels.
 
         It is launched for one item, which is pixels `first` to `end`: one sample is traced after another.
 
         Args:
-            rays: with what they met.
-            order: numbers of those that are followed, none twice.
+            sites: of the records.
+            start: of gather rays, the number of a record's first.
             orders: of first vertices.
             sums: so far.
             scratch: of one vertex, and of this launch alone.
             notes: of this launch alone.
             hit_out: 1 where the first of the samples met a surface.
-            radiance_out: what came along each of these, its parts added in their order.
+            radiance_out: what came along each gather ray, its parts added in their order.
             distance_out: how far it went [scene units].
         """
         keys = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
         ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
         for i in range(first + wp.tid(), end):
-            if order.shape[0] > 0:
-                ray = order[i]
-                p = camera_path(scene.camera, rays, ray)
+            if rays.prim.shape[0] > 0:
+                p = arrived_ray(scene, sites, rays, i, start)
                 found = trace(scene, trees, known, p, 1.0, orders, scratch, keys, ints, notes)
-                radiance_out[ray] = found.direct + found.indirect
-                distance_out[ray] = found.reach
+                radiance_out[i] = found.direct + found.indirect
+                distance_out[i] = found.reach
             else:
                 direct = sums.direct[i]
                 indirect = sums.indirect[i]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -17,6 +16,7 @@ from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.whole.samples import RecordRays
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.paths import Paths
@@ -108,8 +108,8 @@ class RecordWave:
     def __len__(self) -> int:
         return len(self._rays)
 
-    def _begin(self) -> tuple[Any, NDArray[np.float32]]:
-        """The rays as they set out (kernels.camera.paths.Paths), and inf for each, negative where it is not shot."""
+    def _begin(self) -> RecordRays:
+        """The rays as they set out."""
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device
         rays = self._rays
@@ -135,10 +135,11 @@ class RecordWave:
             distance_out=distance,
         )
         paths = columns.empty(Paths, count, device)
+        sites = columns.upload(Sites, {name: self._sites[name] for name in ("position", "normal", "pixel")}, device)
         replica.launcher(
             start_record_rays,
             count,
-            sites=columns.upload(Sites, {name: self._sites[name] for name in ("position", "normal", "pixel")}, device),
+            sites=sites,
             direction=direction,
             distance=distance,
             record=record,
@@ -148,11 +149,11 @@ class RecordWave:
             offset_min=replica.lights.offset_min,
             paths_out=paths,
         )
-        return paths, distance.numpy()
+        return RecordRays(paths, distance.numpy(), sites, self._rays.record, self._rays.ray)
 
     def trace_whole(self, scene: Cell) -> bool:
         """Follow all rays to their ends at once, if that can be: nothing of the wave is under way then."""
-        traced = scene.trace_rays_whole(*self._begin())
+        traced = scene.trace_rays_whole(self._begin())
         if traced is None:
             return False
         self._whole, self.distance = traced.radiance, traced.distance
@@ -163,7 +164,8 @@ class RecordWave:
         """Send all rays on their way: cell, credit and Kind.PATH of each batch."""
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device
-        paths, self.distance = self._begin()
+        begun = self._begin()
+        paths, self.distance = begun.paths, begun.distance
         first = columns.integers(count, device)
         misses = int(replica.world.features.misses)
         replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, misses=misses, next_cell_out=first)

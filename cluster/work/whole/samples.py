@@ -9,6 +9,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
+from wdpm.cluster.records import RAY_SAMPLES
+from wdpm.cluster.rows import put_rows, take_rows
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters, fewer_of_rays, least_of
 from wdpm.cluster.work.photon_store import PhotonStore
@@ -17,7 +19,7 @@ from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples, vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites
 from wdpm.kernels.launch import arguments_of
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.rays.cell_triangles import Surfaces
@@ -46,6 +48,24 @@ class TracedWhole(NamedTuple):
     sums: Any
     hit: NDArray[np.bool_]
     counts: Counts
+
+
+class RecordRays(NamedTuple):
+    """Gather rays of records as they set out.
+
+    Attributes:
+        paths: kernels.camera.paths.Paths; what they meet is written there.
+        distance: inf, or negative where one is not shot, float32, shape [rays].
+        sites: of their records (kernels.irradiance.record_rays.Sites).
+        record: the site of each, int32, shape [rays].
+        ray: its number among those of its record, int32, shape [rays].
+    """
+
+    paths: Any
+    distance: NDArray[np.float32]
+    sites: Any
+    record: NDArray[np.int32]
+    ray: NDArray[np.int32]
 
 
 class RaysTracedWhole(NamedTuple):
@@ -114,8 +134,8 @@ class WholeSamples:
             count,
             max(1, WHOLE_GRAIN // samples),
             pixels=uploaded,
-            rays=columns.empty(Paths, 0, device),
-            order=columns.integers(0, device),
+            sites=columns.empty(Sites, 0, device),
+            rays=columns.empty(ArrivedRays, 0, device),
             start=start,
             samples=samples,
             sums=sums,
@@ -126,39 +146,43 @@ class WholeSamples:
         )
         return None if counts[indirect_light.SPOILT] else TracedWhole(sums_out, hit.numpy() > 0, counts)
 
-    def trace_rays(self, rays: Any, distance: NDArray[np.float32]) -> RaysTracedWhole | None:
-        """Follow gather rays of records to their ends.
+    def trace_rays(self, rays: RecordRays) -> RaysTracedWhole | None:
+        """Follow gather rays of records, which have met what they meet first, to their ends.
 
-        What they met at first is sorted by its triangles: see CameraPaths.visit_paths. One that has met nothing brings
+        They are taken in the order of what they met: see CameraPaths.visit_paths. One that has met nothing brings
         nothing: what shines from beyond the scene is direct light.
-
-        Args:
-            rays: kernels.camera.paths.Paths, with what they met.
-            distance: inf, or negative where one is not shot.
 
         Returns:
             what they bring; None as of `trace`.
         """
-        device, prim = self._replica.launcher.device, columns.column(rays, "prim")
-        met = np.flatnonzero((prim >= 0) & (distance >= 0))
-        order = met.take(prim.take(met).argsort()).astype(np.int32)
-        count = len(distance)
-        radiance, reach = wp.zeros(count, dtype=wp.vec3d, device=device), distance.copy()
+        device, prim = self._replica.launcher.device, columns.column(rays.paths, "prim")
+        met = np.flatnonzero((prim >= 0) & (rays.distance >= 0))
+        order = met.take(prim.take(met).argsort())
+        arrived = {name: columns.column(rays.paths, name) for name in ("direction", "t", "prim", "u", "v")}
+        arrived |= {"record": rays.record, "ray": rays.ray}
+        some = {name: take_rows(column, order) for name, column in arrived.items()}
+        count, distance = len(order), np.empty(len(order), np.float32)
+        radiance = wp.empty(count, dtype=wp.vec3d, device=device)
         counts = self._launch(
-            len(order),
+            count,
             WHOLE_GRAIN,
             pixels=columns.empty(trace.Pixels, 0, device),
-            rays=rays,
-            order=columns.array_over(order, wp.int32, device),
-            start=0,
+            sites=rays.sites,
+            rays=columns.upload(ArrivedRays, some, device, written=()),
+            start=RAY_SAMPLES,
             samples=0,
             sums=columns.empty(add_samples.Sums, 0, device),
             sums_out=columns.empty(add_samples.Sums, 0, device),
             hit_out=columns.integers(0, device),
             radiance_out=radiance,
-            distance_out=columns.array_over(reach, wp.float32, device),
+            distance_out=columns.array_over(distance, wp.float32, device),
         )
-        return None if counts[indirect_light.SPOILT] else RaysTracedWhole(radiance.numpy(), reach, counts)
+        if counts[indirect_light.SPOILT]:
+            return None
+        brought, reach = np.zeros((len(prim), 3)), rays.distance.copy()
+        put_rows(brought, order, radiance.numpy())
+        put_rows(reach, order, distance)
+        return RaysTracedWhole(brought, reach, counts)
 
     def _launch(self, count: int, grain: int, **arguments: Any) -> Counts:
         """Launch trace_samples for some pixels or rays.
