@@ -70,6 +70,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
     from wdpm.cluster.host_memory import keep_free_memory
+    from wdpm.cluster.slave.time_slices import ask_for_long_slices
     from wdpm.cluster.transport.fork_server import serve_forks
     from wdpm.devices import available_cores, check_memory
     from wdpm.serving import load_ahead, security_of, serve
@@ -81,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
         load_ahead()
         if not serve_forks():
             return 0
+    ask_for_long_slices()
     check_memory(args.memory)
     serve(
         args.address,

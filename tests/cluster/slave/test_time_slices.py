@@ -1,0 +1,50 @@
+"""A slave's process computes in long slices, and is nobody else's business otherwise."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from wdpm.cluster.slave import time_slices
+from wdpm.cluster.slave.time_slices import ask_for_long_slices
+
+LINUX = sys.platform == "linux" and time_slices.platform.machine() in time_slices._SCHED_SETATTR
+
+
+def printed_after(preparation: str) -> list[str]:
+    """Whether a new process is given long slices, how it is scheduled then, a thread of it, and how nice it is."""
+    code = f"""
+import os, threading
+from wdpm.cluster.slave.time_slices import ask_for_long_slices
+{preparation}
+print(ask_for_long_slices(), os.sched_getscheduler(0))
+thread = threading.Thread(target=lambda: print(os.sched_getscheduler(0)))
+thread.start()
+thread.join()
+print(os.getpriority(os.PRIO_PROCESS, 0))
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(not LINUX, reason="only Linux is asked, and on machines whose system calls are known")
+def test_a_slave_computes_in_long_slices_and_is_as_nice_as_before() -> None:
+    batch = str(os.SCHED_BATCH)
+    assert printed_after("os.nice(3)") == ["True", batch, batch, str(os.getpriority(os.PRIO_PROCESS, 0) + 3)]
+
+
+@pytest.mark.skipif(not LINUX, reason="only Linux is asked, and on machines whose system calls are known")
+def test_what_somebody_has_chosen_is_left() -> None:
+    idle = str(os.SCHED_IDLE)
+    assert printed_after("os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))")[:3] == ["False", idle, idle]
+
+
+def test_elsewhere_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time_slices.sys, "platform", "darwin")
+    assert not ask_for_long_slices()
+    monkeypatch.undo()
+    monkeypatch.setattr(time_slices.platform, "machine", lambda: "vax")
+    assert not ask_for_long_slices()
