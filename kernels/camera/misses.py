@@ -23,7 +23,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def make_escaped(features: Features) -> wp.Function:
     """The function `escaped` for a set of features: (scene, p, orders, stretches_out) -> radiance."""
     light = make_lights(features)
-    pdf_environment = light.pdf_environment
+    environment_from = light.environment_from
     environment_radiance = light.environment_radiance
     transmittance_of = make_flights(features).transmittance_of
 
@@ -33,11 +33,14 @@ def make_escaped(features: Features) -> wp.Function:
         radiance = wp.vec3(0.0)
         if wp.static(features.environment):
             unit = wp.normalize(p.direction)
-            radiance = environment_radiance(scene.lights, unit)
+            weighted = wp.bool(False)
             if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
-                    by_light = pdf_environment(scene.lights, p.anchor, unit)
-                    radiance = radiance * (p.pdf / (p.pdf + by_light))
+                    seen = environment_from(scene.lights, p.anchor, unit)
+                    radiance = seen.radiance * (p.pdf / (p.pdf + seen.pdf))
+                    weighted = wp.bool(True)
+            if not weighted:
+                radiance = environment_radiance(scene.lights, unit)
             if wp.static(features.traced):
                 if orders.diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
                     radiance = wp.vec3(0.0)

@@ -23,8 +23,8 @@ from wdpm.kernels.lights.choice import (
     pdf_to_ball,
 )
 from wdpm.kernels.lights.elements import Lights, element_of_prim, point_of_triangle
-from wdpm.kernels.lights.environment import EnvironmentSample, environment_pdf, environment_value, sample_environment
-from wdpm.kernels.lights.guide import guided_pdf, region_of, sample_guided
+from wdpm.kernels.lights.environment import EnvironmentSample, environment_seen, environment_value, sample_environment
+from wdpm.kernels.lights.guide import guided_seen, region_of, sample_guided
 from wdpm.kernels.lights.kinds import make_direct_delta
 from wdpm.kernels.lights.radiance import make_radiance
 from wdpm.kernels.lights.samples import DirectSample, towards
@@ -44,7 +44,7 @@ class DirectCode:
         sample_direct_from: `(lights, textures, position, starts, point) -> DirectSample`, with light_starts of the
             position: for several of one place.
         pdf_triangle: `(lights, emitter, prim, origin, position, normal) -> float`.
-        pdf_environment: `(lights, origin, direction) -> float`.
+        environment_from: `(lights, origin, direction) -> EnvironmentSample`.
         environment_radiance: `(lights, direction) -> vec3`.
         emitted_radiance: `(lights, textures, emitter, uv, color) -> vec3`.
     """
@@ -52,7 +52,7 @@ class DirectCode:
     sample_direct: wp.Function
     sample_direct_from: wp.Function
     pdf_triangle: wp.Function
-    pdf_environment: wp.Function
+    environment_from: wp.Function
     environment_radiance: wp.Function
     emitted_radiance: wp.Function
 
@@ -180,18 +180,19 @@ def make_direct(features: Features) -> DirectCode:
         return s
 
     @wp.func
-    def pdf_environment(lights: wp.ref[Lights], origin: wp.vec3, direction: wp.vec3) -> wp.float32:
-        """pdf_solid_angle with which sample_direct from `origin` goes in a direction (unit) to the environment."""
-        pdf = wp.float32(0.0)
+    def environment_from(lights: wp.ref[Lights], origin: wp.vec3, direction: wp.vec3) -> EnvironmentSample:
+        """A direction (unit) to the environment, as sample_direct from `origin` would have gone."""
+        seen = EnvironmentSample()
         if wp.static(features.environment):
             if lights.first_environment < lights.count:
                 chance = chance_of_light(lights, lights.first_environment, origin).probability
                 region = region_of(lights.guide, origin)
                 if region >= 0 and lights.guide.tiled == 1:
-                    pdf = chance * guided_pdf(lights.environment, lights.guide, region, direction)
+                    seen = guided_seen(lights.environment, lights.guide, region, direction)
                 else:
-                    pdf = chance * environment_pdf(lights.environment, direction)
-        return pdf
+                    seen = environment_seen(lights.environment, direction)
+                seen.pdf = chance * seen.pdf
+        return seen
 
     @wp.func
     def environment_radiance(lights: wp.ref[Lights], direction: wp.vec3) -> wp.vec3:
@@ -206,7 +207,7 @@ def make_direct(features: Features) -> DirectCode:
         sample_direct=_make_sample_direct(sample_direct_from),
         sample_direct_from=sample_direct_from,
         pdf_triangle=pdf_triangle,
-        pdf_environment=pdf_environment,
+        environment_from=environment_from,
         environment_radiance=environment_radiance,
         emitted_radiance=radiance.emitted_radiance,
     )

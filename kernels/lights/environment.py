@@ -185,47 +185,78 @@ def _place(e: wp.ref[Environment], direction: wp.vec3) -> wp.vec3:
     return wp.vec3(column, row, sine)
 
 
+@wp.struct
+class PatchSeen:
+    """What is seen of an environment that is no constant in a direction.
+
+    Attributes:
+        row, column: of the patch.
+        sine: of the direction's theta.
+    """
+
+    row: wp.int32
+    column: wp.int32
+    sine: wp.float32
+    radiance: wp.vec3
+
+
+@wp.func
+def _seen(e: wp.ref[Environment], direction: wp.vec3) -> PatchSeen:
+    seen = PatchSeen()
+    place = _place(e, direction)
+    seen.column = wp.min(wp.int32(place[0]), e.width - 1)
+    seen.row = wp.min(wp.int32(place[1]), e.height - 2)
+    seen.sine = place[2]
+    seen.radiance = _patch(
+        e, seen.row, seen.column, place[0] - wp.float32(seen.column), place[1] - wp.float32(seen.row)
+    )
+    return seen
+
+
 @wp.func
 def environment_value(e: wp.ref[Environment], direction: wp.vec3) -> wp.vec3:
     """Radiance that arrives from a direction (unit, pointing to where it comes from)."""
     if e.width == 1:
         return e.texel[0]
-    place = _place(e, direction)
-    column = wp.min(wp.int32(place[0]), e.width - 1)
-    row = wp.min(wp.int32(place[1]), e.height - 2)
-    return _patch(e, row, column, place[0] - wp.float32(column), place[1] - wp.float32(row))
+    return _seen(e, direction).radiance
 
 
 @wp.struct
 class PatchPdf:
-    """The patch of a direction, and pdf_solid_angle with which sample_environment makes the direction."""
+    """The patch of a direction, its radiance, and pdf_solid_angle with which sample_environment makes the direction."""
 
     row: wp.int32
     column: wp.int32
+    radiance: wp.vec3
     pdf: wp.float32
 
 
 @wp.func
 def patch_pdf(e: wp.ref[Environment], direction: wp.vec3) -> PatchPdf:
     """The patch of a direction of an environment that is no constant."""
+    seen = _seen(e, direction)
     found = PatchPdf()
-    place = _place(e, direction)
-    found.column = wp.min(wp.int32(place[0]), e.width - 1)
-    found.row = wp.min(wp.int32(place[1]), e.height - 2)
-    if place[2] > 0.0:
-        radiance = _patch(
-            e, found.row, found.column, place[0] - wp.float32(found.column), place[1] - wp.float32(found.row)
-        )
-        found.pdf = _mean(radiance) * (e.sine[found.row] * e.density / place[2])
+    found.column = seen.column
+    found.row = seen.row
+    found.radiance = seen.radiance
+    if seen.sine > 0.0:
+        found.pdf = _mean(seen.radiance) * (e.sine[seen.row] * e.density / seen.sine)
     return found
 
 
 @wp.func
-def environment_pdf(e: wp.ref[Environment], direction: wp.vec3) -> wp.float32:
-    """pdf_solid_angle with which sample_environment makes a direction."""
+def environment_seen(e: wp.ref[Environment], direction: wp.vec3) -> EnvironmentSample:
+    """A direction as sample_environment would have made it."""
+    s = EnvironmentSample()
+    s.direction = direction
     if e.width == 1:
-        return _INV_SPHERE
-    return patch_pdf(e, direction).pdf
+        s.radiance = e.texel[0]
+        s.pdf = _INV_SPHERE
+    else:
+        patch = patch_pdf(e, direction)
+        s.radiance = patch.radiance
+        s.pdf = patch.pdf
+    return s
 
 
 @wp.func

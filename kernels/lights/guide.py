@@ -283,7 +283,13 @@ def sample_guided(e: wp.ref[Environment], guide: wp.ref[Guide], region: wp.int32
 
 
 @wp.func
-def guided_pdf(e: wp.ref[Environment], guide: wp.ref[Guide], region: wp.int32, direction: wp.vec3) -> wp.float32:
-    """pdf_solid_angle with which sample_guided makes a direction."""
+def guided_seen(
+    e: wp.ref[Environment], guide: wp.ref[Guide], region: wp.int32, direction: wp.vec3
+) -> EnvironmentSample:
+    """A direction as sample_guided would have made it."""
     patch = patch_pdf(e, direction)
-    return patch.pdf * guide.factor[region, tile_of(guide, patch.row, patch.column)]
+    s = EnvironmentSample()
+    s.direction = direction
+    s.radiance = patch.radiance
+    s.pdf = patch.pdf * guide.factor[region, tile_of(guide, patch.row, patch.column)]
+    return s

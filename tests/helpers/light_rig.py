@@ -77,7 +77,7 @@ def table_of(
 def _direct_kernel(features: Features) -> wp.Kernel:
     light = make_lights(features)
     sample_direct = light.sample_direct
-    pdf_environment = light.pdf_environment
+    environment_from = light.environment_from
     environment_radiance = light.environment_radiance
     pdf_triangle = light.pdf_triangle
 
@@ -106,7 +106,7 @@ def _direct_kernel(features: Features) -> wp.Kernel:
         delta_out[i] = s.delta
         light_out[i] = s.light
         environment_out[i] = environment_radiance(lights, s.direction)
-        environment_pdf_out[i] = pdf_environment(lights, place[i], s.direction)
+        environment_pdf_out[i] = environment_from(lights, place[i], s.direction).pdf
         # The pdf of the first glowing triangle, as if the end lay on it.
         triangle_pdf_out[i] = 0.0
         if lights.triangles > 0:

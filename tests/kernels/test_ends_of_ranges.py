@@ -8,7 +8,7 @@ import warp as wp
 from texture_lookup import looked_up
 
 from wdpm.kernels.lights import environment
-from wdpm.kernels.lights.environment import Environment, _linear, environment_pdf
+from wdpm.kernels.lights.environment import Environment, _linear, environment_seen
 from wdpm.kernels.materials import medium
 from wdpm.kernels.materials.frames import bend, plain_frame, uv_frame
 from wdpm.kernels.materials.fresnel import fresnel_metal
@@ -71,7 +71,7 @@ def test_patches_of_the_sky_of_any_radiance(u: float) -> None:
 @wp.kernel
 def pole_kernel(sky: Environment, direction: wp.array[wp.vec3], pdf_out: wp.array[wp.float32]) -> None:
     i = wp.tid()
-    pdf_out[i] = environment_pdf(sky, direction[i])
+    pdf_out[i] = environment_seen(sky, direction[i]).pdf
 
 
 def test_the_poles_of_the_sky() -> None:

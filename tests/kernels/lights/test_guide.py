@@ -13,7 +13,7 @@ from wdpm.cluster.guide import NO_GUIDE
 from wdpm.kernels.lights import environment, guide
 from wdpm.kernels.lights.environment import Environment as DeviceEnvironment
 from wdpm.kernels.lights.environment import environment_value
-from wdpm.kernels.lights.guide import Guide, guided_pdf, region_of, sample_guided
+from wdpm.kernels.lights.guide import Guide, guided_seen, region_of, sample_guided
 from wdpm.kernels.maths.directions import uniform_sphere
 from wdpm.scenes.model.lights import Environment, axes_of
 
@@ -45,7 +45,7 @@ def _sampled(
     radiance_out[i] = s.radiance
     pdf_out[i] = s.pdf
     if s.pdf > 0.0:
-        again_out[i] = guided_pdf(e, known, region, s.direction)
+        again_out[i] = guided_seen(e, known, region, s.direction).pdf
 
 
 @wp.kernel
@@ -61,7 +61,7 @@ def _everywhere(
     i = wp.tid()
     direction_out[i] = uniform_sphere(u[i])
     radiance_out[i] = environment_value(e, direction_out[i])
-    pdf_out[i] = guided_pdf(e, known, region, direction_out[i])
+    pdf_out[i] = guided_seen(e, known, region, direction_out[i]).pdf
 
 
 @wp.kernel
