@@ -14,7 +14,7 @@ from wdpm.scenes.flat.flatten import FlatScene
 
 # Prices, about half a nanosecond of one core each. Only their ratios matter. Fitted to the CPU seconds of whole
 # renders of cbox, sibenik, sponza, bunny, envmap and materials (256 x 256, 1, 2 and 4 samples), and by paths of these,
-# veach-mis and uplight-room (128 x 128, 16 samples), within a factor of 1.5.
+# veach-mis and uplight-room (128 x 128, 16 samples), within a factor of 1.5; those of photon paths to 16 scenes.
 CAMERA_RAY = 900.0
 SHADOW_RAY = 400.0
 VERTEX = 1200.0
@@ -30,7 +30,7 @@ FINDING_OUT = 4e8
 """To fly a pilot and to ask its photons: once that is done it is no reason for either way any more."""
 GATHER = 70.0
 """Of each photon that a gather looks for."""
-PHOTON_PATH = 1000.0
+PHOTON_PATH = 1300.0
 """As a ray, with its prices."""
 STORED_PHOTON = 3000.0
 """To be put into a map."""
