@@ -74,8 +74,12 @@ class SlaveProcess:
         server_log: IO[bytes] | None = None,
     ) -> None:
         self._server_log = server_log
-        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
-        there, here = os.pipe()
+        self._log = _new_log()  # closed in `stop`
+        try:
+            there, here = os.pipe()
+        except OSError as error:
+            self._log.close()
+            raise _cannot_start(error) from None
         self._line = os.fdopen(here, "wb", buffering=0)
         try:
             self._process: Forked | subprocess.Popen[bytes] = (
@@ -160,11 +164,13 @@ class LocalSlaves:
         """
         words = command(endpoint)
         if not (forked and count > 1 and fork_server.can_serve()):
-            self._slaves += [SlaveProcess(words, first_line()) for _ in range(count)]
+            for _ in range(count):
+                self._slaves.append(SlaveProcess(words, first_line()))
             return
         server, log = _fork_server([*words, "--fork-server"])
         self._servers.append((server, log))
-        self._slaves += [SlaveProcess(words, first_line(), server, log) for _ in range(count)]
+        for _ in range(count):  # one by one: `stop` knows those before one that cannot be started
+            self._slaves.append(SlaveProcess(words, first_line(), server, log))
 
     @property
     def processes(self) -> list[int]:
@@ -207,13 +213,28 @@ def _start(command: Sequence[str], stdin: int, output: IO[bytes]) -> subprocess.
             start_new_session=True,
         )
     except OSError as error:
-        raise ClusterError(f"cannot start a slave: {error.strerror}") from None
+        raise _cannot_start(error) from None
+
+
+def _cannot_start(error: OSError) -> ClusterError:
+    return ClusterError(f"cannot start a slave: {error.strerror}")
+
+
+def _new_log() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile()
+    except OSError as error:
+        raise _cannot_start(error) from None
 
 
 def _fork_server(command: Sequence[str]) -> tuple[ForkServer, IO[bytes]]:
     """A fork server, and what it prints."""
-    log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `LocalSlaves.stop`
-    ours, theirs = fork_server.pair()
+    log = _new_log()  # closed in `LocalSlaves.stop`
+    try:
+        ours, theirs = fork_server.pair()
+    except OSError as error:
+        log.close()
+        raise _cannot_start(error) from None
     try:
         with theirs:
             process = _start(command, theirs.fileno(), log)

@@ -13,6 +13,7 @@ safe.
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import select
@@ -25,6 +26,8 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+
+from wdpm.scenes.errors import ClusterError
 
 ENDED_UNTOLD = 256
 """In place of an exit code, which is less: it ended after its server, so nobody knows how."""
@@ -109,7 +112,7 @@ class ForkServer:
                     signal.pidfd_send_signal(known.handle, signal.SIGKILL)
 
     def take_news(self, seconds: float = 0.0) -> None:
-        """Take in what has come, after waiting so long for some."""
+        """Take in what has come, after waiting so long for some; ClusterError where that takes too many open files."""
         if seconds > 0.0:
             if self._code is None:
                 _has_come(self._line.fileno(), seconds)
@@ -131,10 +134,14 @@ class ForkServer:
             return
         what, number, value = _NEWS.unpack(news)
         known = self._known[number]
-        if what == _FORKED:
-            known.pid, known.handle = value, *handles
-        else:
+        if what == _ENDED:
             known.has_ended(value)
+            return
+        known.pid = value
+        if not handles:  # the system drops what there is no room for
+            known.code = ENDED_UNTOLD  # nobody can say when it does: it is let go
+            raise ClusterError(f"cannot start a slave: {os.strerror(errno.EMFILE)}")
+        (known.handle,) = handles
 
     def _is_gone(self) -> None:
         """The server has ended. What it has not forked never comes to be."""

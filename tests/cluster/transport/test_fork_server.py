@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -101,6 +102,18 @@ def serving(program: str = PROGRAM) -> Iterator[Server]:
             process.stdout.close()
 
 
+@contextlib.contextmanager
+def no_more_files() -> Iterator[None]:
+    """What this process would open is refused, whatever it has open."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    tempfile.gettempdir()  # which is found out by a file
+    resource.setrlimit(resource.RLIMIT_NOFILE, (1, before[1]))  # not 0, as one may be waited for
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
 def is_at_work(process: int) -> bool:
     """Whether there is such a process, which has not ended: whoever has taken it on may not have waited for it yet."""
     try:
@@ -191,6 +204,25 @@ def test_where_no_process_can_be_forked_it_ends_and_says_so() -> None:
         assert anna.process.wait(WAIT_S) == 1
         assert anna.said() == "cannot be forked: Resource temporarily unavailable\n"
         assert server.process.poll() is None
+
+
+def test_one_whose_descriptor_has_no_room_is_an_error_once_and_the_next_is_not() -> None:
+    with serving() as server:
+        anna = server.fork("anna")
+        wait_until(anna.said)
+        with no_more_files(), pytest.raises(ClusterError, match=r"^cannot start a slave: Too many open files$"):
+            anna.process.poll()
+        assert anna.process.poll() == ENDED_UNTOLD
+        anna.line.close()
+        assert server.fork("bert").process.poll() is None
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_slaves_that_would_be_too_many_open_files_are_an_error(count: int) -> None:
+    slaves = LocalSlaves()
+    with no_more_files(), pytest.raises(ClusterError, match=r"^cannot start a slave: Too many open files$"):
+        slaves.start(count, lambda _: [sys.executable, "-c", PROGRAM], "", forked=True)
+    slaves.stop()
 
 
 def test_slaves_that_are_forked_end_as_others_do() -> None:
