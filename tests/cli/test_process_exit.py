@@ -60,6 +60,22 @@ def test_output_that_could_not_be_written_is_not_success() -> None:
     assert ours == python == NOT_FLUSHED
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no file here that refuses what is written")
+def test_output_that_could_not_be_written_is_one_line() -> None:
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "wdpm", "inspect", "cornell-box"]
+        found = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert found.stderr == "wdpm: error: no space left on device\n"
+    assert found.returncode in (2, NOT_FLUSHED)
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
+def test_standard_streams_may_be_closed(closed: str) -> None:
+    words = ["sh", "-c", f'exec "$0" -m wdpm inspect cornell-box {closed}', sys.executable]
+    found = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    assert (found.returncode, found.stderr) == (0, "")
+
+
 def wdpm(*words: str) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
     return subprocess.run([sys.executable, "-m", "wdpm", *words], capture_output=True, text=True, check=False)

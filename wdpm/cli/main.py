@@ -95,9 +95,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+        if error.errno not in (errno.ENAMETOOLONG, errno.ENOSPC):
             raise
-        print(f"wdpm: error: {error.filename}: {str(error.strerror).lower()}", file=sys.stderr)  # whatever it was to be
+        place = "" if error.filename is None else f"{error.filename}: "  # whatever it was to be; none: what is printed
+        print(f"wdpm: error: {place}{str(error.strerror).lower()}", file=sys.stderr)
         return EXIT_BAD_INPUT
     finally:
         let_collector_go()
