@@ -72,7 +72,7 @@ def test_output_that_could_not_be_written_is_one_line() -> None:
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
 def test_standard_streams_may_be_closed(closed: str) -> None:
     words = ["sh", "-c", f'exec "$0" -m wdpm inspect cornell-box {closed}', sys.executable]
-    found = subprocess.run(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, check=False)
+    found = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (found.returncode, found.stderr) == (0, "")
 
 
