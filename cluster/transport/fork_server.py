@@ -105,9 +105,11 @@ class ForkServer:
         return Forked(self, known)
 
     def kill(self, known: _Known) -> None:
-        """End a process at once, if it runs."""
+        """End a process at once, if it runs; one that is yet to be forked is waited for no more."""
         with self._lock:
-            if known.handle is not None:
+            if known.handle is None:
+                known.code = ENDED_UNTOLD if known.code is None else known.code
+            else:
                 with suppress(ProcessLookupError):
                     signal.pidfd_send_signal(known.handle, signal.SIGKILL)
 
@@ -138,6 +140,10 @@ class ForkServer:
             known.has_ended(value)
             return
         known.pid = value
+        if known.code is not None:  # it was killed before it came to be, and ends with its standard input
+            for handle in handles:
+                os.close(handle)
+            return
         if not handles:  # the system drops what there is no room for
             known.code = ENDED_UNTOLD  # nobody can say when it does: it is let go
             raise ClusterError(f"cannot start a slave: {os.strerror(errno.EMFILE)}")

@@ -178,6 +178,24 @@ def test_those_of_a_server_that_stands_still_are_seen_to_end() -> None:
         wait_until(lambda: anna.process.wait(0.01) == ENDED_UNTOLD)
 
 
+def test_one_that_is_killed_before_it_is_forked_is_not_waited_for() -> None:
+    with serving() as server:
+        anna = server.fork("anna")
+        wait_until(anna.said)
+        assert anna.process.poll() is None
+        server.process.send_signal(signal.SIGSTOP)
+        bert = server.fork("bert")
+        bert.process.kill()
+        assert bert.process.poll() == ENDED_UNTOLD
+        held = len(os.listdir("/proc/self/fd"))
+        server.process.send_signal(signal.SIGCONT)
+        wait_until(bert.said)
+        assert bert.process.poll() == ENDED_UNTOLD
+        assert len(os.listdir("/proc/self/fd")) == held
+        bert.line.close()
+        wait_until(lambda: bert.process.poll() == 7)
+
+
 def test_nothing_of_the_server_is_open_in_what_it_has_forked() -> None:
     count = "print(len(os.listdir('/proc/self/fd')), len(os.listdir('/proc/self/task')), flush=True)"
     with serving(PROGRAM.replace("    sys.stdin.read()", f"    {count}\n    sys.stdin.read()")) as server:
