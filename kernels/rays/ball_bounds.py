@@ -5,9 +5,9 @@ boxes of many of its nodes and leaves, since boxes stand out from a ball: lookin
 ray costs. Here a child of a node all of whose triangles are of one ball is bounded by that ball, too.
 
 Like boxes, balls only skip what cannot hold a hit. The exact test (triangle.py) finds hits between 0 and t_max at
-points that are in the triangle but for 2^-22 of its size, and what it clamps them to is off by less than the pad: a ray
-whose way stays out of the ball, grown by GROW, meets none. The way is followed in double from coordinates that are
-float32's; DISTANT covers its roundings.
+points that are in the triangle but for 2^-22 of its size, and what it clamps them to is off by less than the pad. Of a
+triangle that it sees from its side it tells where the ray comes to an edge, which may be beside the ray by a few 2^-28
+of the distance (EDGE_ON). So a ray whose way stays out of the ball, grown by GROW and DISTANT, meets none.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 GROW = 1.0 + 2.0**-18
 """What radii are multiplied with."""
 
-DISTANT = wp.constant(wp.float64(2.0**-44))
-"""Share of the squared distance from the ray's origin to the ball's centre that is added to the squared radius."""
+DISTANT = wp.constant(wp.float64(2.0**-23))
+"""Share of the distance from the ray's origin to the ball's centre, along the three axes, that is added to the radius.
+
+Less than a shadow ray to the ball ends before it (kernels.lights.balls.ROUNDINGS)."""
 
 _ZERO = wp.constant(wp.float64(0.0))
 
@@ -56,13 +58,13 @@ class BallBounds:
         mask: of each node, a bit for each child that is; none for nodes that are in a ball themselves, shape [nodes].
         ball: the ball of each child, -1 for none, shape [nodes].
         center: of each ball, shape [B].
-        radius2: square of each ball's radius, shape [B].
+        radius: of each ball, grown, shape [B].
     """
 
     mask: wp.array[wp.int32]
     ball: wp.array[vec8i]
     center: wp.array[wp.vec3]
-    radius2: wp.array[wp.float64]
+    radius: wp.array[wp.float64]
 
 
 def bound(
@@ -94,7 +96,7 @@ def bound(
     bounds.mask = wp.array(mask, dtype=wp.int32, device=device)
     bounds.ball = wp.array(held, dtype=vec8i, device=device)
     bounds.center = wp.array(balls.center, dtype=wp.vec3, device=device)
-    bounds.radius2 = wp.array(radius2 * GROW**2, dtype=wp.float64, device=device)
+    bounds.radius = wp.array(np.sqrt(radius2) * GROW, dtype=wp.float64, device=device)
     return bounds
 
 
@@ -143,14 +145,13 @@ def passes_by(bounds: wp.ref[BallBounds], ball: wp.int32, origin: wp.vec3, direc
     arm = wp.vec3d(origin) - wp.vec3d(bounds.center[ball])
     way = wp.vec3d(direction)
     along = wp.dot(arm, way)
-    far2 = wp.dot(arm, arm)
-    limit2 = bounds.radius2[ball] + DISTANT * far2
+    limit = bounds.radius[ball] + DISTANT * (wp.abs(arm[0]) + wp.abs(arm[1]) + wp.abs(arm[2]))
     t = wp.float64(t_max)
     speed2 = wp.dot(way, way)
     if along + t * speed2 > _ZERO:  # the nearest point is not the end
         t = wp.max(-along, _ZERO) / speed2
     there = arm + way * t
-    return wp.dot(there, there) > limit2
+    return wp.dot(there, there) > limit * limit
 
 
 @wp.func

@@ -130,6 +130,13 @@ GUARDS = (
         tests=(BALLS + "test_balls_skip_no_hit",),
     ),
     Guard(
+        name="balls hold what is met beside rays along triangles",
+        file="kernels/rays/ball_bounds.py",
+        prevents="a ray from far away that grazes a round lamp and ends there passes by it, or not, as cells are cut",
+        changes=(("DISTANT = wp.constant(wp.float64(2.0**-23))", "DISTANT = wp.constant(wp.float64(0.0))"),),
+        tests=(BALLS + "test_balls_skip_no_hit_of_far_rays_along_triangles",),
+    ),
+    Guard(
         name="shadow rays end before balls",
         file="kernels/lights/balls.py",
         prevents="shadow rays to round lamps look for blockers in vain among the lamps' own triangles",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from traversal_rig import F32, Array, any_kernel
+from traversal_rig import F32, Array, any_kernel, trace
 
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.lights.balls import way_to_ball
@@ -119,6 +119,26 @@ def test_balls_skip_no_hit(place: tuple[float, float, float]) -> None:
         np.testing.assert_array_equal(blocked(lamps.bounded, origin, direction, t_max), hits)
 
 
+@pytest.mark.parametrize("far", [2.0**8, 2.0**14, 2.0**17])
+def test_balls_skip_no_hit_of_far_rays_along_triangles(far: float) -> None:
+    """What a ray meets of a triangle that it sees from its side may be beside the ray; here it ends right behind."""
+    rng = np.random.default_rng(11)
+    lamps, count = Lamps(np.zeros(3), rng), 100_000
+    chosen = rng.choice(np.flatnonzero(lamps.emitter >= 0), count)
+    corners = lamps.positions[chosen].astype(np.float64)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    along = np.cross(normal, rng.normal(size=(count, 3)))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    radius = lamps.radius[np.select([lamps.emitter[chosen] == 4, lamps.emitter[chosen] == 1], [0, 1], 2), None]
+    there = (corners * rng.dirichlet([0.3, 0.3, 0.3], count)[:, :, None]).sum(axis=1)
+    origin = (there - along * radius * far).astype(F32)
+    direction = (there - origin).astype(F32)
+    behind = np.nextafter(trace(lamps.plain, origin, direction)["t"], F32(np.inf))
+    hits = blocked(lamps.plain, origin, direction, behind)
+    assert 0.3 < hits.mean() < 0.9
+    np.testing.assert_array_equal(blocked(lamps.bounded, origin, direction, behind), hits)
+
+
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (30.0, -100.0, 7.0)])
 def test_shadow_rays_pass_by_the_balls_that_they_lead_to(place: tuple[float, float, float]) -> None:
     """All of them: so none looks for triangles of its lamp."""
@@ -127,7 +147,7 @@ def test_shadow_rays_pass_by_the_balls_that_they_lead_to(place: tuple[float, flo
     ball = rng.integers(0, 3, count)
     way = rng.normal(size=(count, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    origin = lamps.balls.center[ball] + way * lamps.radius[ball, None] * np.exp(rng.uniform(0.01, 6.0, (count, 1)))
+    origin = lamps.balls.center[ball] + way * lamps.radius[ball, None] * np.exp(rng.uniform(0.01, 12.0, (count, 1)))
     origin = origin.astype(F32)
     direction = lamps.ends(ball, origin, rng.random((count, 2))) - origin
     out = wp.zeros(count, dtype=wp.bool, device="cpu")
