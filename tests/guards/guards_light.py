@@ -331,7 +331,7 @@ GUARDS = (
         name="the sky has no density at its poles",
         file="kernels/lights/environment.py",
         prevents="a division by the sine of an angle of zero",
-        changes=(("    if place[2] > 0.0:\n        radiance", "    if True:\n        radiance"),),
+        changes=(("    if seen.sine > 0.0:\n        found.pdf", "    if True:\n        found.pdf"),),
         tests=(ENDS + "test_the_poles_of_the_sky",),
     ),
 )
