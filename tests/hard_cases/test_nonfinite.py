@@ -61,21 +61,21 @@ def test_a_lamp_whose_photons_would_overflow_is_named(integrator: Integrator, in
 
 
 def test_a_lamp_too_bright_for_photons_is_rendered_by_paths() -> None:
-    image = wdpm.render(box_lit_by(1e30), spp=2, threads=1)
+    image = wdpm.render(box_lit_by(1e35), spp=2, threads=1)
     (why,) = (line for line in image.metadata["report"]["chose"] if line.startswith("integrator: "))
-    assert why.startswith('integrator: path, since lamp "lamp" shines with 4.3e+34 W')
+    assert why.startswith('integrator: path, since lamp "lamp" shines with 4.3e+39 W')
     dim = wdpm.render(box_lit_by(1.0), spp=2, integrator="path", threads=1)
-    assert np.allclose(image.layers["beauty"], dim.layers["beauty"] * np.float32(1e30), rtol=1e-4)
+    assert np.allclose(image.layers["beauty"], dim.layers["beauty"] * np.float32(1e35), rtol=1e-4)
 
 
 @pytest.mark.parametrize("indirect", [Indirect.MAP, Indirect.GATHER, Indirect.CACHE])
 def test_the_brightest_lamps_that_photons_carry(indirect: Indirect) -> None:
     """Nothing overflows, and nothing but the unit of light changes."""
     chosen = replace(FEW, integrator=Integrator.PHOTONS, indirect=indirect)
-    bright, dim = (wdpm.render(box_lit_by(radiance), chosen, threads=1) for radiance in (2.0**79, 2.0**10))
+    bright, dim = (wdpm.render(box_lit_by(radiance), chosen, threads=1) for radiance in (2.0**106, 2.0**10))
     assert bright.metadata["report"]["guards"] == {}
     for name in ("direct", "indirect"):
-        assert np.allclose(bright.layers[name], dim.layers[name] * np.float32(2.0**69), rtol=1e-5), name
+        assert np.allclose(bright.layers[name], dim.layers[name] * np.float32(2.0**96), rtol=1e-5), name
 
 
 def test_a_lamp_beyond_single_precision_in_the_units_of_the_renderer_is_named() -> None:

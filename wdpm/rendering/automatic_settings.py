@@ -74,11 +74,11 @@ def choose_settings(
     return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
 
 
-BRIGHTEST = 1e24
+BRIGHTEST = 1e32
 """Most flux of a lamp whose photons are followed, in the renderer's units [W].
 
-Single precision ends at 3.4e38. A gather divides flux by areas, of which the smallest that photons tell apart is some
-1e-12 of the scene's, and irradiance records have its change with place besides: 1e35 is the most of their numbers."""
+Single precision ends at 3.4e38, and numbers of irradiance records, which have the change of light with place besides, at
+1e35. A room lit evenly stays below both; right beside a small lamp of less flux light may overflow all the same."""
 
 
 def too_bright_for_photons(flat: FlatScene) -> str | None:
