@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from wdpm.images.image import load
 from wdpm.process_exit import NOT_FLUSHED
 
 ENDS = """
@@ -60,22 +61,6 @@ def test_output_that_could_not_be_written_is_not_success() -> None:
     assert ours == python == NOT_FLUSHED
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no file here that refuses what is written")
-def test_output_that_could_not_be_written_is_one_line() -> None:
-    with open("/dev/full", "w") as full:
-        words = [sys.executable, "-m", "wdpm", "inspect", "cornell-box"]
-        found = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert found.stderr == "wdpm: error: no space left on device\n"
-    assert found.returncode in (2, NOT_FLUSHED)
-
-
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&-"])
-def test_standard_streams_may_be_closed(closed: str) -> None:
-    words = ["sh", "-c", f'exec "$0" -m wdpm inspect cornell-box {closed}', sys.executable]
-    found = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert (found.returncode, found.stderr) == (0, "")
-
-
 def wdpm(*words: str) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
     return subprocess.run([sys.executable, "-m", "wdpm", *words], capture_output=True, text=True, check=False)
@@ -96,3 +81,74 @@ def test_ctrl_c_before_a_command_has_begun_is_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-P", "-c", "from wdpm.__main__ import run; run()"]
     found = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path})
     assert (found.returncode, found.stderr) == (130, "wdpm: interrupted\n")
+
+
+def by_shell(words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own, as a shell starts it; `wdpm` is the command."""
+    words = words.replace("wdpm", f"{sys.executable} -m wdpm")
+    return subprocess.run(["sh", "-c", words], capture_output=True, text=True, check=False, env=os.environ | variables)
+
+
+RENDER = (
+    "wdpm render cornell-box --all-effects --size 8x8 --spp 1 --photons 500 --threads 1 "
+    "-o a.exr -o a.png --report a.json"
+)
+needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no file here that refuses writing")
+
+
+@needs_full
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("stream", ["1", "2"])
+def test_a_render_goes_on_where_its_log_has_no_room(
+    stream: str, unbuffered: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = by_shell(f"{RENDER} {stream}>/dev/full", PYTHONUNBUFFERED=unbuffered)
+    assert done.returncode == (2 if stream == "1" else 0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.json", "a.png"]
+    assert "Traceback" not in done.stderr
+    if stream == "1":
+        assert done.stderr.endswith("wdpm: error: standard output: cannot be written: no space left on device\n")
+    else:
+        assert "wrote a.png" in done.stdout
+
+
+@needs_full
+def test_what_could_not_be_told_is_one_line() -> None:
+    done = by_shell("wdpm check cornell-box --json > /dev/full")
+    assert done.returncode == 2
+    assert done.stderr == "wdpm: error: standard output: cannot be written: no space left on device\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell closes streams")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_streams_may_be_closed(closed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that are opened get their numbers, and would be printed into."""
+    monkeypatch.chdir(tmp_path)
+    assert by_shell(f"{RENDER} {closed}").returncode == 0
+    assert load(tmp_path / "a.exr").pixels.shape == load(tmp_path / "a.png").pixels.shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize("errors", ["strict", "surrogateescape"])
+def test_names_that_are_no_text_are_printed_all_the_same(errors: str) -> None:
+    """Those of files as they are, those that a scene gives (JSON can say anything) somehow."""
+    program = r"from wdpm.standard_streams import take_streams; take_streams(); print('\u00fc, \udcfc, \ud800')"
+    told = os.environ | {"PYTHONIOENCODING": f"utf-8:{errors}"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=True, env=told)
+    assert done.stdout.splitlines() == ["ü, ".encode() + b"\xfc, \\ud800"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+@pytest.mark.parametrize("name", [b"\xfc.exr", b"\xfc.png"])
+def test_images_whose_names_are_no_text(name: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenEXR takes none. That is found before anything is rendered; the other formats have them."""
+    monkeypatch.chdir(tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-m", "wdpm", *RENDER.split()[1:], "-o", name], capture_output=True, check=False
+    )
+    if name.endswith(b"exr"):
+        assert done.returncode == 2
+        assert done.stderr == b"wdpm: error: \\udcfc.exr: its name is no UTF-8, and OpenEXR takes no other\n"
+    else:
+        assert done.returncode == 0
+        assert load(tmp_path / os.fsdecode(name)).pixels.shape == (8, 8, 3)

@@ -20,6 +20,7 @@ from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError, did_you_mean
 from wdpm.scenes.scene_root import files_within
+from wdpm.standard_streams import why_output_lost
 from wdpm.startup import let_collector_go
 
 COMMANDS = {
@@ -81,6 +82,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             with files_within(getattr(args, "scene_root", None)):
                 code: int = args.run(args)
             sys.stdout.flush()
+        if not code and (lost := why_output_lost()) is not None:
+            print(f"wdpm: error: standard output: cannot be written: {str(lost.strerror).lower()}", file=sys.stderr)
+            return EXIT_BAD_INPUT
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)
         return exit_code_of(error)
@@ -95,10 +99,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        if error.errno not in (errno.ENAMETOOLONG, errno.ENOSPC):
+        if error.errno != errno.ENAMETOOLONG:
             raise
-        place = "" if error.filename is None else f"{error.filename}: "  # whatever it was to be; none: what is printed
-        print(f"wdpm: error: {place}{str(error.strerror).lower()}", file=sys.stderr)
+        print(f"wdpm: error: {error.filename}: {str(error.strerror).lower()}", file=sys.stderr)  # whatever it was to be
         return EXIT_BAD_INPUT
     finally:
         let_collector_go()

@@ -238,6 +238,17 @@ def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:
     if path.suffix.lower() not in allowed:
         what = f"unknown extension '{path.suffix}'" if path.suffix else "has no extension"
         raise ImageError(f"{path}: {what}: must be one of {' '.join(allowed)}")
+    if path.suffix.lower() == ".exr" and not _is_text(path):
+        raise ImageError(f"{path}: its name is no UTF-8, and OpenEXR takes no other")
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a name is text; the bytes of any other are there as surrogates."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _read_png(path: Path) -> NDArray[np.float32]:
