@@ -77,8 +77,8 @@ def choose_settings(
 BRIGHTEST = 1e32
 """Most flux of a lamp whose photons are followed, in the renderer's units [W].
 
-Single precision ends at 3.4e38, and numbers of irradiance records, which have the change of light with place besides, at
-1e35. A room lit evenly stays below both; right beside a small lamp of less flux light may overflow all the same."""
+Single precision ends at 3.4e38, and numbers of irradiance records, which have the change of light with place besides,
+at 1e35. A room lit evenly stays below both; right beside a small lamp of less flux light may overflow all the same."""
 
 
 def too_bright_for_photons(flat: FlatScene) -> str | None:
