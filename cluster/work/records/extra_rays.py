@@ -48,7 +48,8 @@ def extra_rays(
         shape [N, rows, columns].
     """
     near, beside = around(radiance)
-    unseen = np.maximum(_smoothed(unoccluded.astype(np.float64)) - near / beside, 0.0)
+    promised = np.minimum(unoccluded.astype(np.float64), np.finfo(np.float32).max)  # of lamps as bright as can be: inf
+    unseen = np.maximum(_smoothed(promised) - near / beside, 0.0)
     spread = np.sqrt(neighbours_spread(radiance) ** 2 + (PEAK * unseen) ** 2)
     near_spread, _ = around(spread)
     # Both sums as they would be if the stratum were like what is around it: its own ray has no part in them.

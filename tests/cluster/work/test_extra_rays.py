@@ -120,11 +120,12 @@ def test_unoccluded_light_that_no_ray_around_has_met_calls_for_rays() -> None:
     unoccluded[0, 4, 7] = 1.0  # no more than is there
     assert not extra_rays(radiance, unoccluded, shot(radiance.shape), 0.02, 400).any()
     most, counts = 400, {}
-    for bright in (6.0, 12.0, 1e6):
+    for bright in (6.0, 12.0, 1e6, np.inf):
         unoccluded[0, 4, 7] = bright
         counts[bright] = extra_rays(radiance, unoccluded, shot(radiance.shape), 0.02, most)[0]
         assert counts[bright][4, 7] == counts[bright].max()
     assert 0 < counts[6.0].sum() < counts[12.0].sum() < counts[1e6].sum() < most + radiance[0].size
+    assert np.array_equal(counts[np.inf], counts[1e6])
     # A place stands for what is around it, too, and nothing else gets rays for its light.
     assert counts[1e6][3:6, 6:9].all()
     assert not np.delete(np.delete(counts[1e6], range(3, 6), 0), range(6, 9), 1).any()
