@@ -33,6 +33,7 @@ def printed_after(preparation: str) -> list[str]:
     code = f"""
 import ctypes, os, threading, types
 from wdpm.cluster.slave.time_slices import ask_for_long_slices
+os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # tests before this one may have been a slave
 {preparation}
 print(ask_for_long_slices(), os.sched_getscheduler(0))
 thread = threading.Thread(target=lambda: print(os.sched_getscheduler(0)))
