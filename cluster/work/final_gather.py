@@ -15,7 +15,7 @@ of a place, and in corners a third of a record's rays are short.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -165,20 +165,10 @@ class FinalGather:
             cache: irradiance records.
             paths, arrays: see decide; without a diffuse scattering so far.
         """
-        launcher, count = self._replica.launcher, len(arrays["slot"])
-        made = columns.outputs(OF_RECORDS, count, launcher.device)
-        began = time.perf_counter()
-        launcher(
-            read_records,
-            count,
-            surfaces=self._surfaces,
-            cache=cache,
-            sides=columns.array_over(self._replica.lambertian_sides, wp.int32, launcher.device),
-            paths=paths,
-            **{f"{name}_out": array for name, array in made.items()},
-        )
-        self.counters.interpolated_s += time.perf_counter() - began
-        told = columns.to_host(made)
+        count = len(arrays["slot"])
+        sides = columns.array_over(self._replica.lambertian_sides, wp.int32, self._replica.launcher.device)
+        told, seconds = self._tell(read_records, OF_RECORDS, count, cache=cache, sides=sides, paths=paths)
+        self.counters.interpolated_s += seconds
         covered = int(np.count_nonzero(told["code"] == int(vertices.CACHED)))
         self.counters.interpolated += covered
         self.counters.uncovered += int(np.count_nonzero(told["asked"])) - covered
@@ -192,24 +182,26 @@ class FinalGather:
             points: irradiance at photons.
             paths, arrays: see decide.
         """
-        launcher, count = self._replica.launcher, len(arrays["slot"])
-        made = columns.outputs(ARRIVALS, count, launcher.device)
-        began = time.perf_counter()
-        launcher(
-            read_arrivals,
-            count,
-            surfaces=self._surfaces,
-            points=points,
-            paths=paths,
-            reach=self._replica.world.irradiance.reach,
-            **{f"{name}_out": array for name, array in made.items()},
-        )
-        self.counters.read_s += time.perf_counter() - began
-        told = columns.to_host(made)
+        count, reach = len(arrays["slot"]), self._replica.world.irradiance.reach
+        told, seconds = self._tell(read_arrivals, ARRIVALS, count, points=points, paths=paths, reach=reach)
+        self.counters.read_s += seconds
         self.counters.rays += count
         reads = told["code"] == np.int32(vertices.CACHED)
         actions = Actions(told["code"], reads, self._is_too_long(arrays, 0), told["value"], told["length"])
         return actions, told["found"].astype(np.bool_, copy=False)
+
+    def _tell(self, kernel: Any, outputs: Mapping[str, Any], count: int, **arguments: Any) -> tuple[Arrays, float]:
+        """What a kernel tells of hits of this cell, by name, and how long it took [s].
+
+        Args:
+            outputs: the type of each.
+        """
+        launcher = self._replica.launcher
+        made = columns.outputs(outputs, count, launcher.device)
+        began = time.perf_counter()
+        results = {f"{name}_out": array for name, array in made.items()}
+        launcher(kernel, count, surfaces=self._surfaces, **arguments, **results)
+        return columns.to_host(made), time.perf_counter() - began
 
     def _is_too_long(self, arrays: Arrays, onward: int) -> NDArray[np.bool_]:
         """Where light of photons may be of longer paths than there are to be, shape [N].
