@@ -154,9 +154,17 @@ def _read(file: Path) -> dict[str, dict[str, Any]]:
 
 
 def _remove_oldest(folder: Path) -> None:
-    files = sorted(folder.glob("*.json"), key=lambda path: path.stat().st_mtime, reverse=True)
+    files = sorted(folder.glob("*.json"), key=_last_written, reverse=True)
     for file in files[KEPT:]:
         file.unlink(missing_ok=True)
+
+
+def _last_written(file: Path) -> float:
+    """When [s]; long ago for a file that another process has removed just now."""
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _entry(module: wp.Module) -> dict[str, Any]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import re
+import shutil
 import socket
 import sys
 from importlib import metadata
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import warp as wp
 
 from wdpm.cli import main
 from wdpm.cluster.transport.probe import is_free, loopback_trouble
@@ -156,8 +159,6 @@ def test_ports_that_cannot_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import warp as wp
-
     kernels.quiet_warp()
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path / "none"))
     fact = kernels.kernel_cache()
@@ -169,6 +170,26 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
     fact = kernels.kernel_cache()
     assert fact.figures is not None
     assert (fact.figures["modules"], fact.figures["bytes"]) == (1, 2048)
+
+
+def test_a_cache_that_others_write_meanwhile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders and files that go between one look and the next: one line, and no traceback."""
+    for name in ("kept", "renamed"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "m.o").write_bytes(b"x" * 2048)
+    (tmp_path / "kept" / "gone.o").symlink_to(tmp_path / "renamed" / "m.o")
+    look = os.scandir
+
+    def scandir(path: Any) -> Any:
+        if str(path) == str(tmp_path / "renamed"):
+            shutil.rmtree(path)
+        return look(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    fact = kernels.kernel_cache()
+    assert fact.figures is not None
+    assert (fact.figures["modules"], fact.figures["bytes"]) == (2, 2048)
 
 
 def test_no_room_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:

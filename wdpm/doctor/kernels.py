@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import stat
 from pathlib import Path
 
 import warp as wp
@@ -25,7 +26,7 @@ def kernel_cache() -> Fact:
     if not folder.is_dir() or not os.access(folder, os.W_OK):
         return Fact("kernel cache", f"{folder}: cannot be written to", State.WRONG, advice)
     modules = [path for path in folder.iterdir() if path.is_dir()]
-    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    size = _size_of(folder)
     free = shutil.disk_usage(folder).free
     found = f"{folder}, {len(modules):,} modules, {format_bytes(size)}; {format_bytes(free)} free"
     figures = {"folder": str(folder), "modules": len(modules), "bytes": size, "free": free}
@@ -36,6 +37,23 @@ def kernel_cache() -> Fact:
         advice = f"wdpm doctor --prepare compiles {missing} modules, so that no render waits for a compiler"
         return Fact("kernel cache", found, State.NOTE, advice, {**figures, "missing": missing})
     return Fact("kernel cache", f"{found}; kernels for all effects are compiled", figures={**figures, "missing": 0})
+
+
+def _size_of(folder: Path) -> int:
+    """Bytes of all files below a folder.
+
+    Other processes compile meanwhile: their folders are renamed, and files removed, between one look and the next.
+    What has gone counts nothing (os.walk passes by a folder that it can't read).
+    """
+    return sum(_size_if_there(Path(place, name)) for place, _, names in os.walk(folder) for name in names)
+
+
+def _size_if_there(file: Path) -> int:
+    try:
+        found = file.stat()
+    except FileNotFoundError:
+        return 0
+    return found.st_size if stat.S_ISREG(found.st_mode) else 0
 
 
 def gpus() -> Fact:
