@@ -24,7 +24,10 @@ from failures import DifferentBits
 @pytest.mark.processes
 def test_late(): assert False, "it did not happen within 240 s"
 
-@pytest.mark.processes
+@pytest.mark.sockets
+def test_lost(): assert False, "no slave has joined"
+
+@pytest.mark.sockets
 def test_bits(): raise DifferentBits("beauty")
 
 @pytest.mark.processes
@@ -54,7 +57,7 @@ def test_a_run_takes_down_what_failed_and_why(tmp_path: Path) -> None:
     (tmp_path / "test_suite.py").write_text(SUITE)
     (tmp_path / "conftest.py").write_text("from failures import *\n")
     (tmp_path / "pytest.ini").write_text(
-        f"[pytest]\npythonpath = {TESTS / 'helpers' / 'processes'}\nmarkers = processes\n"
+        f"[pytest]\npythonpath = {TESTS / 'helpers' / 'processes'}\nmarkers =\n  processes\n  sockets\n"
     )
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment[FILE_VARIABLE] = str(tmp_path / "failures.json")
@@ -64,6 +67,7 @@ def test_a_run_takes_down_what_failed_and_why(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "failures.json").read_text())
     assert {name.partition("::test_")[2]: may for name, may in told.items()} == {
         "late": True,
+        "lost": True,
         "bits": False,
         "digests": False,
         "arrays": False,

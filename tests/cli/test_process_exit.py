@@ -12,6 +12,8 @@ import pytest
 from wdpm.images.image import load
 from wdpm.process_exit import NOT_FLUSHED
 
+pytestmark = pytest.mark.processes
+
 ENDS = """
 import atexit, concurrent.futures, sys, threading, weakref
 from wdpm.process_exit import leave

@@ -25,6 +25,8 @@ from wdpm.doctor.software import Requirement, requirements_of
 
 GB = 1 << 30
 
+pytestmark = pytest.mark.processes  # others write to the kernel cache, and have ports and memory, meanwhile
+
 
 def test_nothing_is_wrong_where_tests_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert main.main(["doctor"]) == 0

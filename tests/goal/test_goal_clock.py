@@ -12,6 +12,8 @@ import pytest
 
 from wdpm.goal import clock
 
+pytestmark = pytest.mark.processes
+
 SPENT_S = 0.2
 """What each child takes, of what the system counts in hundredths."""
 

@@ -16,6 +16,8 @@ from wdpm.cluster.cluster_events import ClusterEvent
 from wdpm.monitoring.metrics import Metrics
 from wdpm.scenes.errors import SettingsError
 
+pytestmark = pytest.mark.processes
+
 parser = pytest.importorskip("prometheus_client.parser", reason="the extra `metrics` is not installed")
 
 

@@ -11,6 +11,8 @@ from wdpm.kernels.features import Features
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
 
+pytestmark = pytest.mark.processes
+
 
 def modules_in(folder: Path) -> list[str]:
     return [path.name for path in folder.iterdir() if path.name.startswith("wp_")]

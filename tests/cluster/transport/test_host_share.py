@@ -17,7 +17,10 @@ from shared_memory import memory_is_shared
 from wdpm.cluster.transport import host_share, local_sockets
 from wdpm.cluster.transport.host_share import Claim, HostShare
 
-pytestmark = pytest.mark.skipif(host_share.host_share(Path()) is None, reason="only Linux has such memory")
+pytestmark = [
+    pytest.mark.processes,
+    pytest.mark.skipif(host_share.host_share(Path()) is None, reason="only Linux has such memory"),
+]
 if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets processes share no memory")
 
 CONTENT = [memoryview(b"tree"), memoryview(b" of photons")]

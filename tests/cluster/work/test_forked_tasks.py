@@ -31,7 +31,10 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 
-pytestmark = pytest.mark.skipif(not can_fork("cpu"), reason="processes are forked on Linux alone")
+pytestmark = [
+    pytest.mark.processes,
+    pytest.mark.skipif(not can_fork("cpu"), reason="processes are forked on Linux alone"),
+]
 
 FEW = RenderSettings(photons=2000, spp=2)
 SCENE = cornell_box((40, 32))

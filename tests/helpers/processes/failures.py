@@ -1,8 +1,8 @@
 """What failed in a run of the tests, and which of it may be the machine's doing: hooks of pytest, for conftest.py.
 
-A test that is marked `processes` has processes, threads or sockets play together, on a machine where others do so, too.
-What it says of time may fail there once; what it says of bits may not: an image that differs once is a bug, and is
-never rendered again until it happens to be right.
+A test that is marked `processes` or `sockets` has processes, threads or sockets play together, or looks at the machine,
+where others do so, too. What it says of time may fail there once; what it says of bits may not: an image that differs
+once is a bug, and is never rendered again until it happens to be right.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import pytest
 FILE_VARIABLE = "WDPM_TEST_FAILURES"
 """Names the file that a run writes its failures to: the test's name -> whether it may be run again."""
 
-MARK = "processes"
+MARKS = ("processes", "sockets")
 OF_BITS = ("digest", "bits", "pixels", "layers", "array_equal", "allclose")
 """Words in a line of Python that compares images."""
 
@@ -42,7 +42,7 @@ def pytest_runtest_makereport(
     """Have the report of a failure say whether the test may be run again; it may come from another process."""
     report = yield
     if report.failed and call.excinfo is not None:
-        may = item.get_closest_marker(MARK) is not None and not is_of_bits(call.excinfo)
+        may = any(map(item.get_closest_marker, MARKS)) and not is_of_bits(call.excinfo)
         report.user_properties.append((_MAY, may))
     return report
 
