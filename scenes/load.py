@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
@@ -76,13 +76,13 @@ def load(
         return check_scene(read_trimesh(source, size))
     if not isinstance(source, str | PathLike):
         raise SceneError(f"{type(source).__name__} is no scene: expected a file, a built-in scene or meshes of trimesh")
-    source = source if isinstance(source, str) else Path(source)
+    source = source if isinstance(source, str) else Path(fsdecode(source))
     file = find(source)
     if file is None:
         _refuse_defines(defines, source)
         _refuse_view(asked, source)
         return check_scene(load_built_in(str(source), size))
-    with files_within(None if root is None else Path(root)):
+    with files_within(None if root is None else Path(fsdecode(root))):
         check_within(file)
         check_not_a_pointer(file)
         return check_scene(_read(file, source, asked), file)

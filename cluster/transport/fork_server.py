@@ -27,7 +27,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.errors import ClusterError, SettingsError
 
 ENDED_UNTOLD = 256
 """In place of an exit code, which is less: it ended after its server, so nobody knows how."""
@@ -226,10 +226,22 @@ def serve_forks() -> bool:
 
     Returns:
         True in each process that was forked, which goes on from here, False in the server at the end.
+
+    Raises:
+        SettingsError: standard input is no line of an owner.
     """
-    gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
-    with socket.socket(fileno=os.dup(0)) as line:
+    with _line_of_owner() as line:
+        gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         return _Server(line).run()
+
+
+def _line_of_owner() -> socket.socket:
+    with suppress(OSError):  # it is closed, or no socket
+        line = socket.socket(fileno=os.dup(0))
+        if can_serve() and line.family == socket.AF_UNIX and line.type == socket.SOCK_SEQPACKET:
+            return line
+        line.close()
+    raise SettingsError("--fork-server is for the process that starts slaves; its orders come over standard input")
 
 
 class _Server:

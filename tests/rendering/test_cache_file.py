@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -162,21 +164,23 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
 
 
 class Named:
-    """What names a file, and is no Path: as py.path and others have it."""
+    """What names a file, and is no Path: as py.path has it, and in bytes os.DirEntry."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, named: Callable[[Path], str | bytes]) -> None:
+        self.path, self._named = path, named
 
-    def __fspath__(self) -> str:
-        return str(self.path)
+    def __fspath__(self) -> str | bytes:
+        return self._named(self.path)
 
 
-def test_files_may_be_named_by_whatever_stands_for_a_path(tmp_path: Path) -> None:
-    scene, image, records = (Named(tmp_path / name) for name in ("scene.obj", "image.exr", "a.records"))
+@pytest.mark.parametrize("named", [str, os.fsencode])
+def test_files_may_be_named_by_whatever_stands_for_a_path(named: Any, tmp_path: Path) -> None:
+    names = ("scene.obj", "image.exr", "a.records", "passes")
+    scene, image, records, passes = (Named(tmp_path / name, named) for name in names)
     scene.path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
     assert wdpm.check(scene).file == str(scene.path)
     settings: dict[str, Any] = {"photons": 500, "spp": 1, "indirect": "cache"}
-    small = wdpm.load(scene, size=(8, 8))
+    small = wdpm.load(scene, size=(8, 8), root=Named(tmp_path, named))
     wdpm.render(small, save_cache=records, **settings).save(image)
-    again = wdpm.render(small, load_cache=records, journal=Named(tmp_path / "passes"), **settings)
+    again = wdpm.render(small, load_cache=records, journal=passes, **settings)
     assert load(image).digest() == again.digest()

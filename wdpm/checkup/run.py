@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from os import PathLike, fspath
+from os import PathLike, fsdecode
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +45,8 @@ def check(
     """
     file = None
     if not isinstance(scene, Scene):
-        file = fspath(scene) if isinstance(scene, str | PathLike) and Path(scene).exists() else None
+        name = fsdecode(scene) if isinstance(scene, str | PathLike) else None
+        file = name if name is not None and Path(name).exists() else None
         scene = load(scene, defines=defines, size=size, lenient=lenient)
     findings = sorted_findings(_find(scene))
     return Checkup(scene.name, file, len(scene.meshes), sum(len(mesh.faces) for mesh in scene.meshes), findings)

@@ -11,7 +11,7 @@ import struct
 import uuid
 import zlib
 from collections.abc import Callable, Iterable, Mapping
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,7 +129,7 @@ def check_output_path(path: str | PathLike[str], extensions: tuple[str, ...] | N
     Raises:
         ImageError: unknown extension, missing folder, a folder where the file should be, no right to write there.
     """
-    path = Path(path)
+    path = Path(fsdecode(path))
     _check_extension(path, tuple(_FORMATS) if extensions is None else extensions)
     check_place(path)
     return path

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,7 +145,7 @@ class Image:
         """
         given = exposure is not None or view_transform is not None
         metadata: Mapping[str, Any] = self.looking(exposure, view_transform).metadata if given else self.metadata
-        files.write(self.layers, metadata, Path(path), threads)
+        files.write(self.layers, metadata, Path(fsdecode(path)), threads)
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""
@@ -158,5 +158,5 @@ def load(path: str | PathLike[str]) -> Image:
     Raises:
         ImageError: unknown extension, missing or broken file.
     """
-    layers, metadata = files.read(Path(path))
+    layers, metadata = files.read(Path(fsdecode(path)))
     return Image(layers, metadata)

@@ -7,7 +7,7 @@ the same file gives the same image, bit for bit, on any cluster (array_file).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from os import PathLike
+from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ def path_named(given: str | PathLike[str] | None) -> Path | None:
     """A path as people give it; SettingsError for what is none."""
     if not isinstance(given, str | PathLike | None):
         raise SettingsError(f"{given!r} is no name of a file or folder")
-    return None if given is None else Path(given)
+    return None if given is None else Path(fsdecode(given))
 
 
 NO_CACHE_FILES = CacheFiles()

@@ -244,6 +244,14 @@ def test_one_whose_descriptor_has_no_room_is_an_error_once_and_the_next_is_not()
         assert server.fork("bert").process.poll() is None
 
 
+def test_whoever_asks_for_one_by_hand_is_told_what_it_is_in_a_line() -> None:
+    command = [sys.executable, "-m", "wdpm", "slave", "tcp://127.0.0.1:1", "--fork-server"]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=WAIT_S)
+    assert done.returncode == 2
+    [line] = done.stderr.splitlines()
+    assert line.startswith("wdpm: error: --fork-server is for the process that starts slaves")
+
+
 @pytest.mark.parametrize("count", [1, 2])
 def test_slaves_that_would_be_too_many_open_files_are_an_error(count: int) -> None:
     slaves = LocalSlaves()
