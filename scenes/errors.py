@@ -21,6 +21,7 @@ The command line prints it without a traceback and exits with a code of its own 
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -89,3 +90,16 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A hint for a misspelt name, or an empty string where nothing is near."""
     near = difflib.get_close_matches(name, list(known), n=1)
     return f'; did you mean "{near[0]}"?' if near else ""
+
+
+NO_MEMORY_WORDS = ("Failed to allocate", "can't start new thread")
+"""How errors begin that tell of no memory: of Warp's arrays, and of the room for a thread's stack."""
+
+
+def is_of_memory(error: BaseException) -> bool:
+    """Whether something has failed for want of memory: numpy, the system and Warp each say it in another way."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and str(error).startswith(NO_MEMORY_WORDS)
+    )

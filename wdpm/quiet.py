@@ -7,7 +7,7 @@ import sys
 import tempfile
 from typing import IO
 
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import MachineError, SettingsError
 
 _NO_GPU = "Could not find or load the NVIDIA CUDA driver"
 
@@ -20,6 +20,7 @@ def quiet_warp() -> None:
 
     Raises:
         SettingsError: there is no folder for temporary files, or none for compiled kernels.
+        MachineError: its libraries cannot be loaded: there are too few addresses for them (`ulimit -v`), say.
     """
     import warp as wp
 
@@ -32,6 +33,8 @@ def quiet_warp() -> None:
         os.dup2(caught.fileno(), 2)
         try:
             wp.init()
+        except RuntimeError as error:
+            raise MachineError(f"Warp cannot be loaded: {error.__cause__ or error}") from None
         finally:
             os.dup2(kept, 2)
             os.close(kept)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import queue
 import threading
 import time
@@ -11,16 +10,13 @@ import traceback
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.jobs import Compute, Job
 from wdpm.cluster.transport.mailbox import Mailbox
-from wdpm.scenes.errors import MachineError, WdpmError
+from wdpm.scenes.errors import MachineError, WdpmError, is_of_memory
 
 LEAVE_S = 1.0
 """How long a slave that ends waits for the worker's last job."""
 
 NO_MEMORY = "it has not enough memory; use more slaves, or fewer photons or triangles"
 """Why a slave leaves."""
-
-NO_MEMORY_WORDS = ("Failed to allocate", "can't start new thread")
-"""How errors begin that say the same: of Warp's arrays, and of the room for a thread's stack."""
 
 
 class ComputeThread:
@@ -76,17 +72,8 @@ class ComputeThread:
         except WdpmError as error:
             return s.ComputeFailed(str(error))
         except Exception as error:
-            if _is_of_memory(error):  # others may have more of it
+            if is_of_memory(error):  # others may have more of it
                 return s.Leave(NO_MEMORY)
             # A fault of the program: its place goes to the log here, one line to the master.
             traceback.print_exc()
             return s.ComputeFailed(f"{type(error).__name__} in {type(job).__name__}: {error}")
-
-
-def _is_of_memory(error: Exception) -> bool:
-    """Whether a job has failed for want of memory: numpy, the system and Warp each say it in another way."""
-    if isinstance(error, OSError):
-        return error.errno == errno.ENOMEM
-    return isinstance(error, MemoryError) or (
-        isinstance(error, RuntimeError) and str(error).startswith(NO_MEMORY_WORDS)
-    )

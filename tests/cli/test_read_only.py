@@ -12,6 +12,7 @@ import pytest
 import warp as wp
 
 from wdpm import serving
+from wdpm.cli import compare
 from wdpm.cli.main import main
 from wdpm.kernels import compile as module
 from wdpm.kernels.camera import filter_weights
@@ -56,6 +57,46 @@ def test_nowhere_to_write_is_one_line(
         assert main([*RENDER, "-o", str(tmp_path / "a.exr")]) == 2
     [line] = capsys.readouterr().err.splitlines()
     assert words in line
+
+
+def test_libraries_that_cannot_be_loaded_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where `ulimit -v` leaves too few addresses for them."""
+
+    def init() -> None:
+        raise RuntimeError("Failed to load the shared library") from OSError("warp.so: failed to map segment")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(wp, "init", init)
+        assert main([*RENDER, "-o", str(tmp_path / "a.exr")]) == 2
+    assert capsys.readouterr().err == "wdpm: error: Warp cannot be loaded: warp.so: failed to map segment\n"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        MemoryError("Unable to allocate 8 EiB"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        RuntimeError("Failed to allocate 5 bytes on device 'cpu'"),
+        RuntimeError("can't start new thread"),
+    ],
+    ids=lambda error: str(error) or "unsaid",
+)
+def test_no_memory_is_one_line(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(_: object) -> int:
+        raise error
+
+    monkeypatch.setattr(compare, "run", run)
+    assert main(["compare", "a", "b"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("wdpm: error: not enough memory: ")
+    monkeypatch.setattr(compare, "run", refusing(errno.EIO))
+    with pytest.raises(OSError, match="Input/output error"):
+        main(["compare", "a", "b"])
 
 
 def test_a_cache_that_takes_no_kernel_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

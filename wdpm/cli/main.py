@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
-from wdpm.scenes.errors import WdpmError, did_you_mean
+from wdpm.scenes.errors import WdpmError, did_you_mean, is_of_memory
 from wdpm.scenes.scene_root import files_within
 from wdpm.standard_streams import why_output_lost
 from wdpm.startup import let_collector_go
@@ -98,10 +98,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of a pipe has left, as `| head` does. Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
+    except (OSError, MemoryError, RuntimeError) as error:
+        if is_of_memory(error):
+            what = f"not enough memory: {str(error) or 'for Python itself'}"
+        elif isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            what = f"{error.filename}: {str(error.strerror).lower()}"  # whatever it was to be
+        else:
             raise
-        print(f"wdpm: error: {error.filename}: {str(error.strerror).lower()}", file=sys.stderr)  # whatever it was to be
+        print(f"wdpm: error: {what}", file=sys.stderr)
         return EXIT_BAD_INPUT
     finally:
         let_collector_go()
