@@ -16,7 +16,7 @@ from typing import IO
 
 from wdpm.cluster.master.events import ProcessEnded
 from wdpm.cluster.transport import fork_server
-from wdpm.cluster.transport.fork_server import ENDED_UNTOLD, Forked, ForkServer
+from wdpm.cluster.transport.fork_server import ENDED_UNTOLD, NOT_FORKED, Forked, ForkServer
 from wdpm.scenes.errors import ClusterError
 
 GRACE_S = 5.0
@@ -266,6 +266,8 @@ def _environment() -> dict[str, str]:
 def _reason(code: int, last: str) -> str:
     if code == ENDED_UNTOLD:
         return "it ended, after what would have told how was killed" + (f": {last}" if last else "")
+    if code == NOT_FORKED:
+        return "it never began, as what was to fork it was stopped"
     if code < 0:
         return f"killed by {signal.Signals(-code).name}"
     return f"it ended with exit code {code}" + (f": {last}" if last else "")

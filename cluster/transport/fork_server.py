@@ -32,15 +32,19 @@ from wdpm.scenes.errors import ClusterError, SettingsError
 ENDED_UNTOLD = 256
 """In place of an exit code, which is less: it ended after its server, so nobody knows how."""
 
+NOT_FORKED = 257
+"""The same: it never came to be, as its server had been stopped, and was given up."""
+
 _ORDER = struct.Struct("<i")  # the number of the process, in the order in which they were asked for
 
 _FORKED, _ENDED = 0, 1
 _NEWS = struct.Struct("<iii")  # which, the number of the process, and its process number or its exit code
 
-_OFTEN_S = 0.02
+_OFTEN_S, _GLANCE_S = 0.02, 1.0
 
 LONGEST_S = 30.0
-"""How long a number of a process is waited for: a server that loads from a busy disk may take some seconds."""
+"""How long a number of a process is waited for, and a server that was stopped before it has forked all that it was to
+(SIGSTOP): one that loads from a busy disk may take some seconds."""
 
 
 def can_serve() -> bool:
@@ -92,6 +96,8 @@ class ForkServer:
         self._line = line
         self._end = end
         self._known: list[_Known] = []
+        self._stopped_s = 0.0  # for how long it was seen to be stopped, while it was to fork something
+        self._looked_at = time.monotonic()
         self._code: int | None = None
         self._lock = threading.Lock()
 
@@ -125,6 +131,20 @@ class ForkServer:
                 self._take_one()
             if self._code is not None:
                 self._look_at(self._known)
+            else:
+                self._give_up_if_stopped()
+
+    def _give_up_if_stopped(self) -> None:
+        """End a server that was stopped, and not to go on again, before it has forked what it was to."""
+        awaited = [known for known in self._known if known.pid is None and known.code is None]
+        now = time.monotonic()
+        since, self._looked_at = min(now - self._looked_at, _GLANCE_S), now  # nobody knows what was while none looked
+        self._stopped_s = self._stopped_s + since if awaited and _is_stopped(self.pid) else 0.0
+        if self._stopped_s > LONGEST_S:
+            for known in awaited:
+                known.code = NOT_FORKED
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGKILL)
 
     def _take_one(self) -> None:
         try:
@@ -173,6 +193,9 @@ class ForkServer:
             if self._code is None:
                 self._is_gone()
             self._look_at(self._known)
+            for known in self._known:  # whose ends nobody asks for any more
+                if known.handle is not None:
+                    known.has_ended(ENDED_UNTOLD)
 
 
 class Forked:
@@ -209,6 +232,13 @@ class Forked:
     def kill(self) -> None:
         """End it at once, if there is such a process; what its server has yet to fork ends with its standard input."""
         self._server.kill(self._known)
+
+
+def _is_stopped(process: int) -> bool:
+    """Whether a process that this one has started was stopped, and has not gone on since."""
+    with suppress(ChildProcessError):
+        return os.waitid(os.P_PID, process, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+    return False
 
 
 def _has_come(descriptor: int, seconds: float = 0.0) -> bool:

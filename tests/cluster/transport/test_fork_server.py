@@ -297,13 +297,41 @@ def test_slaves_of_a_server_that_stands_still_from_the_start_are_not_waited_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(local_slaves, "GRACE_S", 0.2)
-    monkeypatch.setattr(fork_server, "LONGEST_S", 0.2)
     slaves = LocalSlaves()
     slaves.start(2, lambda _: [sys.executable, "-c", STILL], "", lambda: b"anna\n", forked=True)
-    (server,) = set(slaves.processes)  # in place of numbers that they do not have
     assert list(slaves.ended()) == []
+    ((server, _),) = slaves._servers
     slaves.stop()
-    assert not is_at_work(server)
+    assert not is_at_work(server.pid)
+
+
+def test_slaves_of_a_server_that_was_stopped_for_good_are_said_not_to_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of a wait for those who are to join."""
+    monkeypatch.setattr(fork_server, "LONGEST_S", 0.2)
+    slaves, told = LocalSlaves(), []
+    slaves.start(2, lambda _: [sys.executable, "-c", STILL], "", lambda: b"anna\n", forked=True)
+    ((server, _),) = slaves._servers
+    wait_until(lambda: told.extend(slaves.ended()) or len(told) == 2)
+    assert [(each.process, each.reason) for each in told] == [
+        (server.pid, "it never began, as what was to fork it was stopped")
+    ] * 2
+    assert slaves.processes == []
+    slaves.stop()
+    assert not is_at_work(server.pid)
+
+
+def test_a_server_that_was_stopped_for_a_while_is_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fork_server, "LONGEST_S", WAIT_S)
+    with serving() as server:
+        server.process.send_signal(signal.SIGSTOP)
+        wait_until(lambda: fork_server._is_stopped(server.process.pid))
+        anna = server.fork("anna")
+        wait_until(lambda: anna.process.poll() is not None or server.server._stopped_s > 0.0)
+        server.process.send_signal(signal.SIGCONT)
+        wait_until(anna.said)
+        assert anna.process.poll() is None
+        assert server.server._stopped_s == 0.0
+        assert not fork_server._is_stopped(server.process.pid)
 
 
 def test_slaves_whose_server_cannot_start_say_why() -> None:
