@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -112,6 +113,26 @@ def serve(
     finally:
         if line is not None and local_sockets.is_local(master) and has_ended(line):
             local_sockets.leave_orphaned(master)
+
+
+def fork_slaves(master: str) -> bool:
+    """Have slaves forked from this process, see serve_forks, which says whether this is one of them.
+
+    Whatever has become of a master of this machine and its slaves, the process that they were forked from sees the last
+    of them end: it clears away what they have left if the master was killed.
+
+    Args:
+        master: address, see serve.
+    """
+    from wdpm.cluster.transport.fork_server import serve_forks
+
+    started_by = os.getppid()
+    load_ahead()
+    if serve_forks():
+        return True
+    if local_sockets.is_local(master) and os.getppid() != started_by:
+        local_sockets.leave_orphaned(master, last=True)
+    return False
 
 
 def load_ahead() -> None:

@@ -85,12 +85,20 @@ def shared_with(address: str) -> HostShare | None:
     return host_share(_path(address).parent) if is_local(address) else None
 
 
-def leave_orphaned(address: str) -> None:
-    """Remove the folder of a master that ended without doing so (it was killed), once no slave listens there."""
+def leave_orphaned(address: str, *, last: bool = False) -> None:
+    """Remove the folder of a master that ended without doing so (it was killed), once no slave listens there.
+
+    Args:
+        last: none does any more; sockets are of slaves that were killed as well.
+    """
+    folder = _path(address).parent
     with contextlib.suppress(OSError):  # others of its slaves are still there, and the last of them removes it
         remove(address)
-        remove_traces(_path(address).parent)
-        _path(address).parent.rmdir()
+        remove_traces(folder)
+        for path in folder.iterdir() if last else ():
+            if path.is_socket():
+                path.unlink(missing_ok=True)
+        folder.rmdir()
 
 
 def _path(address: str) -> Path:

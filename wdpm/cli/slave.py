@@ -71,17 +71,14 @@ def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
     from wdpm.cluster.host_memory import keep_free_memory
     from wdpm.cluster.slave.time_slices import ask_for_long_slices
-    from wdpm.cluster.transport.fork_server import serve_forks
     from wdpm.devices import available_cores, check_memory
-    from wdpm.serving import load_ahead, security_of, serve
+    from wdpm.serving import fork_slaves, security_of, serve
     from wdpm.startup import hold_off_collector
 
     hold_off_collector()
     keep_free_memory()
-    if args.fork_server:
-        load_ahead()
-        if not serve_forks():
-            return 0
+    if args.fork_server and not fork_slaves(args.address):
+        return 0
     ask_for_long_slices()
     check_memory(args.memory)
     serve(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -12,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from fake_worker import make_session
-from patience import WAIT_S
+from patience import WAIT_S, wait_until
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
@@ -21,6 +23,7 @@ from wdpm import values
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport import local_sockets
+from wdpm.cluster.transport.fork_server import can_serve
 from wdpm.cluster.transport.parent_watch import has_ended
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.network import ZeroMQTransport
@@ -116,6 +119,39 @@ def test_the_last_slave_of_a_master_that_was_killed_removes_its_folder(folder: P
     (own / "of another slave").unlink()
     slave_ends()
     assert not own.exists()
+
+
+STARTS_SLAVES = """
+import sys, time
+from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
+slaves = LocalSlaves()
+slaves.start(2, slave_command(1, "cpu", keyed=False), sys.argv[1], forked=True)
+print(*slaves.processes, flush=True)
+time.sleep(1e6)
+"""
+"""A process with slaves that are forked, and with nobody who listens where they look for their master."""
+
+
+@pytest.mark.skipif(not can_serve(), reason="this system forks no slaves")
+def test_what_slaves_were_forked_from_clears_away_what_is_left_of_them_and_of_their_master(folder: Path) -> None:
+    """They were stopped when it was killed, and killed as well then."""
+    own = folder / "run"
+    own.mkdir(mode=0o700)
+    for name in ("master", "of-a-slave"):
+        with socket.socket(socket.AF_UNIX) as left:
+            left.bind(str(own / name))
+    command = [sys.executable, "-c", STARTS_SLAVES, f"ipc://{own}/master"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as master:
+        assert master.stdout is not None
+        slaves = [int(number) for number in master.stdout.readline().split()]
+        for slave in slaves:
+            os.kill(slave, signal.SIGSTOP)
+        master.kill()
+    assert len(slaves) == 2
+    assert own.exists()
+    for slave in slaves:
+        os.kill(slave, signal.SIGKILL)
+    wait_until(lambda: not own.exists(), "its end")
 
 
 def test_whether_the_other_end_of_a_life_line_has_let_go() -> None:
