@@ -11,7 +11,7 @@ EXIT_CLUSTER_FAILED = 1
 """A slave, the master or the network failed, or, of a slave, its master has ended without an image."""
 
 EXIT_BAD_INPUT = 2
-"""Options, a scene, keys, a place to write to: another try would end the same way."""
+"""Options, a scene, keys, a place to write to, too little memory here: another try would end the same way."""
 
 EXIT_TRY_AGAIN = 75
 """A slave that has lost its master: nothing is wrong with it. EX_TEMPFAIL of BSD's sysexits.h."""
