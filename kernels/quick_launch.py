@@ -25,13 +25,13 @@ class _Entry:
 
     Args:
         kernel: over one dimension, not generic.
-        command: a launch of it that Warp has recorded, which keeps the kernel's code in memory.
+        command: a launch of it that Warp has recorded. It is not kept: it holds its arguments, a scene and its photons.
     """
 
     def __init__(self, kernel: wp.Kernel, command: Any) -> None:
         kinds = [argument.type for argument in kernel.adj.args]
         packed = [type(value) for value in command.params[1:]]
-        self._command = command
+        self._code = command.module_exec  # stays in memory as long as this
         self._forward = command.hooks.forward
         self._bounds = type(command.bounds)
         self._items = [(kind.dtype, kind.ndim) if wp.types.is_array(kind) else None for kind in kinds]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import warp as wp
@@ -68,6 +71,18 @@ def test_later_launches_write_what_the_first_would(of_warp: bool) -> None:
     for time, found in enumerate(launched(4, items)):
         np.testing.assert_array_equal(found, expected(time))
     assert (weigh in quick_launch._entries) == is_tried()
+
+
+def test_what_a_kernel_was_first_launched_with_is_let_go() -> None:
+    """Arrays of the first scene that a process rendered stayed in its memory, and open files with them, to its end."""
+    quick_launch._entries.pop(weigh, None)
+    x = wp.array(np.arange(ITEMS, dtype=np.float32), dtype=wp.float32, device="cpu")
+    gone = weakref.ref(x)
+    launched(2, x)
+    assert (weigh in quick_launch._entries) == is_tried()
+    del x
+    gc.collect()
+    assert gone() is None
 
 
 def test_an_array_of_other_items_is_refused_by_every_launch() -> None:
