@@ -87,6 +87,7 @@ def _process_as_it_was() -> Iterator[None]:
     environment, folder, log_level = dict(os.environ), Path.cwd(), wp.config.log_level
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     hook = sys.unraisablehook
+    policy = os.sched_getscheduler(0) if hasattr(os, "sched_getscheduler") else None  # slaves change it
     yield
     if dict(os.environ) != environment:
         os.environ.clear()
@@ -96,6 +97,8 @@ def _process_as_it_was() -> Iterator[None]:
     for number, handler in handlers.items():
         signal.signal(number, handler)
     sys.unraisablehook = hook
+    if policy is not None and os.sched_getscheduler(0) != policy:
+        os.sched_setscheduler(0, policy, os.sched_param(0))
 
 
 @pytest.fixture(scope="module")
