@@ -16,13 +16,14 @@ from failures import (  # noqa: F401 - hooks
     pytest_runtest_makereport,
     pytest_sessionfinish,
 )
-from hypothesis import Phase, settings
+from hypothesis import HealthCheck, Phase, settings
 
-# The same examples every time, and no deadlines: a shared machine is slow at times, and kernels compile at first use.
-# HYPOTHESIS_PROFILE=search looks for new examples, unshrunk makes none of those that fail simpler.
-settings.register_profile("repeatable", derandomize=True, deadline=None)
-settings.register_profile("search", deadline=None)
-settings.register_profile("unshrunk", derandomize=True, deadline=None, phases=(Phase.explicit, Phase.generate))
+# The same examples every time, and no limits of time: a shared machine is slow at times, and kernels compile at first
+# use. HYPOTHESIS_PROFILE=search looks for new examples, unshrunk makes none of those that fail simpler.
+UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("repeatable", UNHURRIED, derandomize=True)
+settings.register_profile("search", UNHURRIED)
+settings.register_profile("unshrunk", UNHURRIED, derandomize=True, phases=(Phase.explicit, Phase.generate))
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 SCENES_VARIABLE = "WDPM_SCENES"
