@@ -77,7 +77,9 @@ def add_slave(folder: Path, name: str, *, reader: bool = False) -> list[Path]:
     try:
         _make_pair(own, "slave")
         shutil.copy(folder / "master.key", own)
-        shutil.copy(own / "slave.key", public)  # last: nobody is let in whose keys are not complete
+        part = public.with_name(f".{public.name}.part")  # a master that reads the folder now finds a whole key or none
+        shutil.copy(own / "slave.key", part)
+        part.replace(public)  # last: nobody is let in whose keys are not complete
     except OSError as error:
         raise SettingsError(f"cannot write {error.filename or own}: {error.strerror}") from None
     return [public, own]
