@@ -178,10 +178,9 @@ class RenderSettings:
             "passes",
             "seed",
         )
-        for name in (*whole, "bucket", "light_samples", "max_depth"):
-            value = getattr(self, name)
-            if value is not None:
-                self._set_plain(name, operator.index, "a whole number")
+        chosen = [name for name in ("bucket", "light_samples", "max_depth") if getattr(self, name) is not None]
+        for name in (*whole, *chosen):
+            self._set_plain(name, operator.index, "a whole number")
         self._set_plain("band", _number, "a number")
         object.__setattr__(self, "adaptive", bool(self.adaptive))
         for name in ("radius", "caustic_radius", "volume_radius"):

@@ -21,6 +21,7 @@ from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
         ({"photon": 3}, """there is no setting 'photon'; did you mean "photons"?"""),
         ({"spp": "3"}, "spp is '3'; expected a whole number"),
         ({"spp": 2.5}, "spp is 2.5; expected a whole number"),
+        ({"photons": None}, "photons is None; expected a whole number"),
         ({"radius": "wide"}, "radius is 'wide'; expected a number"),
         ({"without": "lens"}, "without is 'lens'; expected names of effects, some of indirect, "),
         ({"until_error": 0.5, "size": "8x8"}, "give it to wdpm.load"),
