@@ -96,24 +96,26 @@ class PlainProgress:
         self._phase: str | None = None
         self._total: int | None = None
         self._done = 0
+        self._told: int | None = 0  # what the last line said was done; None before there is any
         self._started = self._last_line = 0.0
         self._left = TimeLeft(0.0, None)
 
     def start(self, phase: str, total: int | None = None) -> None:
         self.finish()
         self._phase, self._total, self._done = phase, total, 0
+        self._told = 0 if total is None else None
         self._started = self._last_line = self._clock()
         self._left = TimeLeft(self._started, total)
         self._print(f"{phase} ...")
 
     def advance(self, amount: int = 1) -> None:
         self._done += amount
-        if not amount and self._total is None:
-            return  # a sign of life tells a reader of the log nothing
         now = self._clock()
         self._left.advance(now, amount)
+        if self._done == self._told:
+            return  # a sign of life tells a reader of the log nothing
         if now - self._last_line >= PLAIN_INTERVAL_S:
-            self._last_line = now
+            self._last_line, self._told = now, self._done
             self._print(f"{self._phase}: {self._state(now)}")
 
     def note(self, text: str) -> None:

@@ -49,7 +49,7 @@ def test_plain_lines_come_at_most_every_two_seconds() -> None:
     assert stream.flushes >= len(lines)
 
 
-def test_signs_of_life_are_no_lines_where_there_is_nothing_to_count() -> None:
+def test_signs_of_life_are_no_lines_where_nothing_more_is_done() -> None:
     stream, clock = io.StringIO(), Clock()
     progress = PlainProgress(stream, clock)
     clock.now += 10
@@ -58,13 +58,15 @@ def test_signs_of_life_are_no_lines_where_there_is_nothing_to_count() -> None:
     clock.now += 10
     progress.advance(0)
     progress.start("render", 10)
-    clock.now += 10
-    progress.advance(0)
+    for amount in (0, 0, 3, 0, 0):
+        clock.now += 10
+        progress.advance(amount)
     assert stream.getvalue().splitlines() == [
         "compile ...",
         "compile: done in 10.0 s",
         "render ...",
         "render: 0 of 10 (0%)",
+        "render: 3 of 10 (30%), about 47 s left",
     ]
 
 
