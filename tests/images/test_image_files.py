@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wdpm.images.channels import LAYER_CHANNELS, encode_srgb8
-from wdpm.images.files import check_output_path, check_place, png_bytes
+from wdpm.images.files import check_apart, check_output_path, check_place, png_bytes
 from wdpm.images.image import Image, load
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr, float_to_rgbe, rgbe_to_float
@@ -343,6 +343,14 @@ def test_output_paths_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(Path, "touch", refuse)  # the superuser, who runs many CIs, may write to any folder
     with pytest.raises(ImageError, match=r"a\.exr: cannot be written: permission denied"):
         check_output_path(tmp_path / "a.exr")
+
+
+def test_a_link_that_leads_back_to_itself_is_a_name_like_any_other(tmp_path: Path) -> None:
+    loop = tmp_path / "loop.exr"
+    loop.symlink_to(loop)
+    check_apart([("the image", loop), ("the log", tmp_path / "log")])
+    with pytest.raises(ImageError, match="cannot hold both the image and the log"):
+        check_apart([("the image", loop), ("the log", loop)])
 
 
 @pytest.mark.parametrize("extension", EVERY_FORMAT)

@@ -162,9 +162,9 @@ def check_apart(uses: Iterable[tuple[str, Path | None]]) -> None:
     Args:
         uses: what is written or read, and where; None for nowhere. The same thing may be there twice.
     """
-    seen: dict[Path, str] = {}
-    for what, path in uses:
-        if path is not None and (other := seen.setdefault(path.resolve(), what)) != what:
+    seen: dict[str, str] = {}
+    for what, path in uses:  # realpath, since resolve() raises where links lead in a circle (until Python 3.13)
+        if path is not None and (other := seen.setdefault(os.path.realpath(path), what)) != what:
             raise ImageError(f"{path}: cannot hold both {other} and {what}; give another name for one of them")
 
 
