@@ -252,6 +252,11 @@ def _with_photons_of_worth(
         )
         return (of_others + PATCHES * wrong) * price
 
+    def is_seen(shares: tuple[int, ...]) -> bool:
+        fewer = {n: plans.expected[n] / share for n, share in zip(maps, shares, strict=True) if share > 1}
+        read = [number for number in fewer if not gathered[number]]
+        return any(not errors[number].is_faint(fewer[number], spp, of_samples) for number in read)
+
     gathered = {GLOBAL_MAP: photons.final_gathers, CAUSTIC_MAP: False}
     every = [
         fewer_shares(errors[number], plans.expected[number], spp, of_samples, gathered=gathered[number])
@@ -260,7 +265,7 @@ def _with_photons_of_worth(
         for number in maps
     ]
     worths = {shares: worth(shares) for shares in itertools.product(*every)}
-    best = best_shares(worths, [gathered[number] for number in maps])
+    best = best_shares(worths, is_seen)
     fewer = [
         f"{asked[number] // share:,} {name}photons"
         for number, share, name in zip(maps, best, ("", "caustic "), strict=True)

@@ -310,6 +310,8 @@ def test_light_that_is_faint_beside_the_noise_of_samples_may_have_the_fewest_pho
     error, many = MapError(50, np.ones(3), np.full(3, 0.02), np.zeros(3), 0.0, np.full(3, 99.0)), 250_000.0
     usual = tuple(share for share in (1, 2, 4, 8) if share <= FEWEST)
     assert fewer_shares(error, many, 16, 0.1, gathered=False) == usual
+    assert error.is_faint(many, 16, 1.0)
+    assert not error.is_faint(many, 16, 0.1)
     assert fewer_shares(error, many, 16, 1.0, gathered=False)[-1] == FAINTEST
     assert fewer_shares(error, 3200.0, 16, 1.0, gathered=False)[-1] == 16
     assert fewer_shares(replace(error, blur=1e4), many, 16, 1.0, gathered=False) == usual
@@ -317,18 +319,19 @@ def test_light_that_is_faint_beside_the_noise_of_samples_may_have_the_fewest_pho
 
 
 @pytest.mark.parametrize(
-    ("worths", "gathered", "best"),
+    ("worths", "seen", "best"),
     [
-        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [True], (4,)),
-        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [False], (1,)),
-        ({(1,): 1.0, (2,): 0.65, (4,): 0.6}, [False], (4,)),
-        ({(1,): 1.0, (2,): 0.61, (4,): 0.6}, [False], (2,)),
-        ({(1,): 1.0, (2,): 0.95, (4,): 0.92}, [True], (1,)),
-        ({(1, 1): 1.0, (1, 4): 0.75, (4, 1): 0.8, (4, 4): 0.71}, [True, False], (4, 1)),
+        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [], (4,)),
+        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [(2,), (4,)], (1,)),
+        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [(4,)], (2,)),
+        ({(1,): 1.0, (2,): 0.65, (4,): 0.6}, [(2,), (4,)], (4,)),
+        ({(1,): 1.0, (2,): 0.61, (4,): 0.6}, [(2,), (4,)], (2,)),
+        ({(1,): 1.0, (2,): 0.95, (4,): 0.92}, [], (1,)),
+        ({(1, 1): 1.0, (1, 4): 0.75, (4, 1): 0.8, (4, 4): 0.71}, [(1, 4), (4, 4)], (4, 1)),
     ],
 )
-def test_a_map_that_only_gather_rays_read_has_fewer_photons_for_less_gain(
-    worths: dict[tuple[int, ...], float], gathered: list[bool], best: tuple[int, ...]
+def test_maps_whose_patches_nobody_sees_have_fewer_photons_for_less_gain(
+    worths: dict[tuple[int, ...], float], seen: list[tuple[int, ...]], best: tuple[int, ...]
 ) -> None:
-    """Nobody sees its patches; and more are taken where they bring about as much."""
-    assert best_shares(worths, gathered) == best
+    """And more are taken where they bring about as much."""
+    assert best_shares(worths, seen.__contains__) == best
