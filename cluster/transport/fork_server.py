@@ -236,7 +236,7 @@ class Forked:
 
 def _is_stopped(process: int) -> bool:
     """Whether a process that this one has started was stopped, and has not gone on since."""
-    with suppress(ChildProcessError):
+    with suppress(OSError):  # it has been waited for, or this system does not tell
         return os.waitid(os.P_PID, process, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
     return False
 
