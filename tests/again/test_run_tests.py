@@ -20,12 +20,18 @@ SUITE = """
 import numpy as np
 import pytest
 from failures import DifferentBits
+from wdpm.scenes.errors import ClusterError
 
 @pytest.mark.processes
 def test_late(): assert False, "it did not happen within 240 s"
 
 @pytest.mark.sockets
 def test_lost(): assert False, "no slave has joined"
+
+@pytest.mark.sockets
+def test_nothing_to_compare():
+    def digest(): raise ClusterError("no slave has joined")
+    assert digest() == "a"
 
 @pytest.mark.sockets
 def test_bits(): raise DifferentBits("beauty")
@@ -68,6 +74,7 @@ def test_a_run_takes_down_what_failed_and_why(tmp_path: Path) -> None:
     assert {name.partition("::test_")[2]: may for name, may in told.items()} == {
         "late": True,
         "lost": True,
+        "nothing_to_compare": True,
         "bits": False,
         "digests": False,
         "arrays": False,

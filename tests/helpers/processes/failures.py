@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+
+from wdpm.scenes.errors import ClusterError
 
 FILE_VARIABLE = "WDPM_TEST_FAILURES"
 """Names the file that a run writes its failures to: the test's name -> whether it may be run again."""
@@ -30,7 +33,12 @@ class DifferentBits(AssertionError):
 
 
 def is_of_bits(failure: pytest.ExceptionInfo[BaseException]) -> bool:
-    """Whether a failure is of what was computed: also where a test itself compared pixels, arrays or digests."""
+    """Whether a failure is of what was computed: also where a test itself compared pixels, arrays or digests.
+
+    A cluster that failed, or was not waited for any longer, gave nothing to compare, whatever line of a test asked it.
+    """
+    if failure.errisinstance((ClusterError, TimeoutError, subprocess.TimeoutExpired)):
+        return False
     lines = [str(entry.statement) for entry in failure.traceback]
     return failure.errisinstance(DifferentBits) or any(word in line for word in OF_BITS for line in lines)
 
