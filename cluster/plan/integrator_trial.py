@@ -229,7 +229,10 @@ def _is_over_wide(trial: Trial, plans: MapPlans) -> bool:
 def _with_photons_of_worth(
     flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings
 ) -> tuple[RenderSettings, MapPlans, str]:
-    """As many photons as make error times price least, of those shot by default and parts of them; and in words."""
+    """As many photons as make error times price least, of those shot by default and parts of them; and in words.
+
+    Errors of maps count as they are seen: as patches, but for those that gather rays read, which average these out.
+    """
     spp, maps = photons.samples_of_pass, (GLOBAL_MAP, CAUSTIC_MAP)
     asked = {GLOBAL_MAP: photons.photons, CAUSTIC_MAP: photons.caustic_photons}
     plain = {GLOBAL_MAP: RenderSettings.photons, CAUSTIC_MAP: RenderSettings.caustic_photons}
@@ -248,9 +251,10 @@ def _with_photons_of_worth(
         price = Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
         wrong = sum(
             error.of(plans.expected[number] / shares[number], spp, gathered=gathered[number])
+            * (1.0 if gathered[number] else PATCHES)
             for number, error in errors.items()
         )
-        return (of_others + PATCHES * wrong) * price
+        return (of_others + wrong) * price
 
     def is_seen(shares: tuple[int, ...]) -> bool:
         fewer = {n: plans.expected[n] / share for n, share in zip(maps, shares, strict=True) if share > 1}
