@@ -36,13 +36,14 @@ from wdpm.kernels.photons import (
     photon_map,
     surface_points,
 )
-from wdpm.kernels.rays import bvh, bvh_build, instance_areas, overlap
+from wdpm.kernels.rays import bvh, bvh_build, cell_triangles, instance_areas, overlap
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants, without_shortcuts
 
 COMMON = (
     bvh,
     bvh_build,
+    cell_triangles,
     rays,
     gather,
     gather_at_photons,

@@ -9,7 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.constants import OFFSET_MIN_SHARE
-from wdpm.kernels.rays.instances import DeviceInstances, upload_instances
+from wdpm.kernels.rays.instances import DeviceInstances, front_of_corners, upload_instances
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.room import let_go
 
@@ -94,6 +94,24 @@ def smooth_of(normals: NDArray[Any]) -> NDArray[np.int32]:
     return smooth
 
 
+@wp.kernel
+def find_fronts(
+    corners: wp.array2d[wp.vec3],
+    normals: wp.array2d[wp.vec3],
+    front_out: wp.array[wp.vec3],
+    smooth_out: wp.array[wp.int32],
+) -> None:
+    i = wp.tid()
+    smooth = wp.int32(1)
+    for corner in range(3):
+        n = normals[i, corner]
+        if n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+            smooth = 0
+    smooth_out[i] = smooth
+    together = wp.vec3d(normals[i, 0]) + wp.vec3d(normals[i, 1]) + wp.vec3d(normals[i, 2])
+    front_out[i] = front_of_corners(corners[i, 0], corners[i, 1], corners[i, 2], together)
+
+
 def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Unit geometric normals of the triangles' fronts, and whether each has normals to interpolate.
 
@@ -104,25 +122,15 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
     smooth = np.empty(len(triangles), np.int32)
     for first in range(0, len(triangles), _AT_ONCE):
         rows = slice(first, first + _AT_ONCE)
-        front[rows] = _front_normals(triangles.positions[rows], triangles.normals[rows])
-        smooth[rows] = smooth_of(triangles.normals[rows])
+        seen = [shared(column[rows], wp.vec3, "cpu") for column in (triangles.positions, triangles.normals)]
+        found = [shared(front[rows], wp.vec3, "cpu"), shared(smooth[rows], wp.int32, "cpu")]
+        wp.launch(find_fronts, len(front[rows]), inputs=seen, outputs=found, device="cpu")
         let_go(triangles.positions[rows], triangles.normals[rows])
     return front, smooth
 
 
 _AT_ONCE = 1 << 16
-"""Triangles that are looked at together: in double, all would take more than they do on the device."""
-
-
-def _front_normals(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float64]:
-    p = positions.astype(np.float64)
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    sums = normals.sum(axis=1, dtype=np.float64)
-    # In a fixed order, as rays.instances.front_of_corners does for instances.
-    against = normal[:, 0] * sums[:, 0] + normal[:, 1] * sums[:, 1] + normal[:, 2] * sums[:, 2] < 0
-    normal[against] *= -1.0
-    return normal
+"""Triangles that are looked at together: what lies in files leaves memory after that."""
 
 
 @wp.func

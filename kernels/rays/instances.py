@@ -114,7 +114,7 @@ def instance_normal(instances: wp.ref[DeviceInstances], instance: wp.int32, row:
 
 @wp.func
 def front_of_corners(a: wp.vec3, b: wp.vec3, c: wp.vec3, normals: wp.vec3d) -> wp.vec3:
-    """Unit geometric normal of a triangle's front, as rays.cell_triangles.front_normals computes it.
+    """Unit geometric normal of a triangle's front, of instances as of triangles with arrays of their own.
 
     Args:
         normals: sum of the normals at its corners.

@@ -58,9 +58,14 @@ GUARDS = (
     ),
     Guard(
         name="normals in double",
-        file="kernels/rays/cell_triangles.py",
+        file="kernels/rays/instances.py",
         prevents="needles have normals of noise, or none",
-        changes=(("p = positions.astype(np.float64)", "p = positions"),),
+        changes=(
+            (
+                "n = wp.vec3d(e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0])",
+                "n = wp.vec3d(wp.cross(b - a, c - a))",
+            ),
+        ),
         tests=(SURFACE + "test_normals_of_needles",),
     ),
     Guard(
