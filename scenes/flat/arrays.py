@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -57,7 +58,7 @@ class Triangles:
         """Of all arrays."""
         return sum(getattr(self, name).nbytes for name in ARRAYS) + self.instances.nbytes
 
-    @property
+    @cached_property
     def materials(self) -> NDArray[np.int32]:
         """Those that any triangle has, ascending."""
         blocks = [self.material[first : first + _AT_ONCE] for first in range(0, len(self), _AT_ONCE)]
