@@ -101,16 +101,17 @@ class HostCache:
                             self.unshared += not shared
         return [got[index] for index in range(len(entries))]
 
-    def lend(self, name: str, arrays: Callable[[], Mapping[str, NDArray[Any]]]) -> Any:
+    def lend(self, name: str, arrays: Callable[[], Mapping[str, NDArray[Any]]], *, surely: bool = False) -> Any:
         """Have others map arrays that only this worker has, in place of what had this name before.
 
         Args:
             arrays: gives them; called if anybody could map them.
+            surely: also if nothing tells that others could map them.
 
         Returns:
-            what keeps them there; None if they are not, or if nothing tells that others could map them.
+            what keeps them there; None if they are not.
         """
-        if self._share is None or not self._in_main_memory or not self.found_some:
+        if self._share is None or not self._in_main_memory or not (self.found_some or surely):
             return None
         with self._share.claim(f"{self._scene} {name}") as claim:
             return None if claim is None else claim.publish(packed.pack(name, [dict(arrays())]))

@@ -152,7 +152,8 @@ class PhotonStore:
     def lend(self) -> bool:
         """Have all workers of this machine read the photons that landed here where they lie, if that can be."""
         name = self._cache_name(f"photons of {self._replica.worker}")
-        self._lent = self._replica.host_cache.lend(name, self._own.columns)
+        # None at all, sent, would be taken to lie there: others, who found nothing, would trace every path themselves.
+        self._lent = self._replica.host_cache.lend(name, self._own.columns, surely=not self._own.nbytes)
         return self._lent is not None
 
     def so_far(self) -> Arrays:

@@ -140,6 +140,21 @@ def test_photons_are_read_where_they_lie(gone: Sequence[int], tmp_path: Path, mo
 
 
 @if_shared
+def test_who_has_no_photons_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where nothing tells that others can map what lies here. They would trace every path for themselves."""
+    photons = Photons(monkeypatch, tmp_path)
+    monkeypatch.setattr(HostCache, "found_some", property(lambda _: False, lambda *_: None), raising=False)
+    scene = wdpm.load("cornell-box", size=(8, 8))
+    chosen = RenderSettings(photons=200, spp=1, k=20, indirect=Indirect.MAP)
+    alone = render_in_passes(scene, InProcess(threads=1), chosen)
+    with InProcess(threads=1, workers=3, cells=1, team=1) as backend:
+        image = render_in_passes(scene, backend, chosen)
+    assert photons.borrowed
+    assert all(photons.borrowed)
+    assert without_cells(image).digest() == without_cells(alone).digest()
+
+
+@if_shared
 def test_a_divided_scene_is_not_shared(made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = wdpm.load("cornell-box", size=(8, 8))
     chosen = RenderSettings(photons=500, spp=1, k=20, indirect=Indirect.MAP, bucket=8)
