@@ -11,6 +11,7 @@ watertight: seams and poles repeat positions bit for bit.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,23 +75,40 @@ def sphere(around: int = AROUND, *, true_area: bool = False) -> MeshData:
         true_area: whether it has the area of the round sphere, and then vertices a little outside of it.
     """
     rings = around // 2
-    circle = _circle(around)
-    theta = np.pi * np.arange(rings + 1) / rings
+    steps = np.arange(rings + 1)
+    mesh = _sphere(_circle(around), np.pi * steps / rings, np.arange(around + 1) / around, steps / rings)
+    scale = math.sqrt(4.0 * math.pi / _area(mesh.vertices, mesh.faces)) if true_area else 1.0
+    return replace(mesh, vertices=mesh.vertices * scale)
+
+
+def sphere_of(us: NDArray[np.float64], vs: NDArray[np.float64]) -> MeshData:
+    """The unit sphere with vertices at given texture coordinates.
+
+    Args:
+        us, vs: growing, from 0 to 1.
+    """
+    angle = 2.0 * np.pi * np.append(us[:-1], 0.0)  # the last repeats the first bit for bit
+    return _sphere(np.stack([np.cos(angle), np.sin(angle)], axis=1), np.pi * vs, us, vs)
+
+
+def _sphere(
+    circle: NDArray[np.float64], theta: NDArray[np.float64], us: NDArray[np.float64], vs: NDArray[np.float64]
+) -> MeshData:
+    """The unit sphere with rings at angles from +z, and circle's points on each."""
+    rings, around = len(theta) - 1, len(circle) - 1
     sin, cos = np.sin(theta), np.cos(theta)
     sin[[0, -1]] = 0.0  # sin(pi) is not quite 0 in floating point, and poles must be points
     normals = np.concatenate(
         [circle[None, :, :] * sin[:, None, None], np.broadcast_to(cos[:, None, None], (rings + 1, around + 1, 1))],
         axis=2,
     )
-    u = np.broadcast_to(np.arange(around + 1) / around, (rings + 1, around + 1)).copy()
-    u[0] += 0.5 / around  # at a pole each triangle has a vertex of its own, in the middle of its segment
-    u[-1] -= 0.5 / around
-    v = np.broadcast_to((np.arange(rings + 1) / rings)[:, None], u.shape)
+    u = np.broadcast_to(us, (rings + 1, around + 1)).copy()
+    u[0, :-1] = u[-1, 1:] = (us[:-1] + us[1:]) / 2.0  # at a pole each triangle has a vertex of its own, in mid-segment
+    v = np.broadcast_to(vs[:, None], u.shape)
     faces = _grid_faces(rings, around)
     faces = faces[~_is_pole_sliver(faces, rings, around)]
     flat = normals.reshape(-1, 3)
-    scale = math.sqrt(4.0 * math.pi / _area(flat, faces)) if true_area else 1.0
-    return MeshData(flat * scale, faces, flat, np.stack([u, v], axis=2).reshape(-1, 2))
+    return MeshData(flat, faces, flat, np.stack([u, v], axis=2).reshape(-1, 2))
 
 
 def disk(around: int = AROUND, *, true_area: bool = False) -> MeshData:

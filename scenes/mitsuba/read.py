@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.images.ahead import Ahead
 from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
+from wdpm.scenes.meshes.large_spheres import with_finer_spheres
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.several import available_cores
 from wdpm.scenes.meshes.vertex_attributes import with_colors
@@ -99,7 +100,7 @@ class _SceneReader:
         camera, samples, exposure = self._camera(size, wanted, frame)
         return Scene(
             self.file.parent.name if self.file.stem == "scene" else self.file.stem,
-            tuple(self.meshes),
+            tuple(with_finer_spheres(self.meshes, self.shapes.spheres, self.shapes.around)),
             tuple(self.materials.materials),
             tuple(self.lights),
             camera,

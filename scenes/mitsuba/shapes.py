@@ -9,6 +9,7 @@ import numpy as np
 
 from wdpm.scenes.meshes import primitives
 from wdpm.scenes.meshes.creases import creased
+from wdpm.scenes.meshes.large_spheres import RoundShape
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.obj import read_obj
 from wdpm.scenes.meshes.obj_file import ObjFile
@@ -25,10 +26,15 @@ class ShapeReader:
     Args:
         spheres: how many the scene has.
         warnings: grows by what is mended.
+
+    Attributes:
+        around: segments of curved shapes.
+        spheres: those that were read.
     """
 
     def __init__(self, spheres: int = 0, warnings: list[str] | None = None) -> None:
-        self._spheres = spheres
+        self.around = primitives.segments_around(spheres)
+        self.spheres: list[RoundShape] = []
         self._warnings = [] if warnings is None else warnings
         self._files: dict[tuple[Path, int], MeshData] = {}
         self._objs: dict[Path, ObjFile] = {}
@@ -43,8 +49,9 @@ class ShapeReader:
         """
         plugin.ignore("silhouette_sampling_weight")  # of derivatives, which nobody takes here
         from_file = plugin.type in ("obj", "ply", "serialized")
-        around = primitives.segments_around(self._spheres)
-        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, emits)
+        if plugin.type == "sphere":
+            return self._read_sphere(plugin, emits)
+        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, self.around, emits)
         flat = from_file and plugin.take_bool("face_normals", False)
         if from_file and not flat and mesh.has_placeholder_normals():
             self._warnings.append(f"{plugin}: all its vertex normals are the same, and wrong: new ones are computed")
@@ -59,6 +66,24 @@ class ShapeReader:
             # Mitsuba computes normals for every mesh that lacks them, in world space, unless it is told to be flat
             mesh = mesh.smooth()
         return mesh.flipped() if plugin.take_bool("flip_normals", False) else mesh
+
+    def _read_sphere(self, plugin: Plugin, emits: bool) -> MeshData:
+        centre, radius = plugin.take_point("center", (0.0, 0.0, 0.0)), plugin.take_positive("radius", 1.0)
+        matrix = transforms.translation(centre) @ transforms.scaling([radius] * 3)
+        to_world = plugin.take_transform("to_world")
+        flips = plugin.take_bool("flip_normals", False)
+
+        def placed(unit: MeshData) -> MeshData:
+            mesh = unit.transformed(matrix)
+            if to_world is not None:
+                mesh = _transformed(mesh, to_world, plugin)
+                if transforms.mirrors(to_world):
+                    mesh = mesh.flipped()  # Mitsuba turns a mirrored sphere inside out, and no other shape
+            return mesh.flipped() if flips else mesh
+
+        mesh = placed(primitives.sphere(self.around, true_area=emits))
+        self.spheres.append(RoundShape(mesh.vertices, matrix if to_world is None else to_world @ matrix, placed))
+        return mesh
 
     def read_obj_file(self, file: Path) -> ObjFile:
         """An OBJ file with its materials' names."""
@@ -103,11 +128,9 @@ class ShapeReader:
 
 def _transformed(mesh: MeshData, matrix: Matrix, plugin: Plugin) -> MeshData:
     try:
-        moved = mesh.transformed(matrix)
+        return mesh.transformed(matrix)
     except ValueError as error:
         raise plugin.at("to_world").error(f'{plugin}: "to_world": {error}') from error
-    # Mitsuba turns a mirrored sphere inside out, and no other shape
-    return moved.flipped() if plugin.type == "sphere" and transforms.mirrors(matrix) else moved
 
 
 def _read_primitive(plugin: Plugin, around: int, true_area: bool) -> MeshData:
@@ -118,17 +141,9 @@ def _read_primitive(plugin: Plugin, around: int, true_area: bool) -> MeshData:
             return primitives.cube()
         case "disk":
             return primitives.disk(around, true_area=true_area)
-        case "sphere":
-            centre = plugin.take_point("center", (0.0, 0.0, 0.0))
-            mesh = primitives.sphere(around, true_area=true_area)
-            return _placed(mesh, centre, plugin.take_positive("radius", 1.0))
         case "cylinder":
             return _read_cylinder(plugin, primitives.cylinder(around, true_area=true_area))
     raise AssertionError(plugin.type)  # the tables of supported plugins and this match disagree
-
-
-def _placed(mesh: MeshData, centre: tuple[float, float, float], radius: float) -> MeshData:
-    return mesh.transformed(transforms.translation(centre) @ transforms.scaling([radius] * 3))
 
 
 def _read_cylinder(plugin: Plugin, unit: MeshData) -> MeshData:

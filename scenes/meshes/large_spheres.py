@@ -1,0 +1,135 @@
+"""Spheres that are large beside all else, such as a ground of radius 1000 under balls of 0.2, made finer under those.
+
+Evenly spaced triangles would lie below such a ground by more than the balls' size: they would float, or sink. So the
+lines of longitude and latitude come closer together towards the place on the sphere that is nearest to all else: at a
+distance d from it steps are at most a tenth of d, and triangles lie below the round surface by at most d² / (400 R).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.primitives import sphere_of
+from wdpm.scenes.model.bounds import bounding_box
+from wdpm.scenes.model.scene import Mesh, Solid
+from wdpm.scenes.model.transforms import Matrix, apply_to_points
+
+LARGE = 4.0
+"""Radius of a large sphere over the reach of all that is not: then even triangles are off by 0.1 % of that reach."""
+
+NEAR = 4.0
+"""How far from the sphere's surface the middle of all else may be, in its reach: not so in a ball around the scene."""
+
+STEP = 0.1
+"""Of lines of longitude and latitude, over their distance from the place that is looked at."""
+
+FINEST = 0.05
+"""The smallest step, over the reach of all else."""
+
+MOST_LARGE = 32
+"""Spheres that are made finer: each has up to 100,000 triangles."""
+
+
+@dataclass(frozen=True, eq=False)
+class RoundShape:
+    """A sphere as it was read, and how to read it again.
+
+    Attributes:
+        vertices: of its mesh, by which the mesh is known.
+        to_world: from the unit sphere.
+        placed: puts a unit sphere of other triangles where this one is, and turns it as this one.
+    """
+
+    vertices: NDArray[np.float64]
+    to_world: Matrix
+    placed: Callable[[MeshData], MeshData]
+
+
+def with_finer_spheres(meshes: Sequence[Solid], spheres: Sequence[RoundShape], around: int) -> list[Solid]:
+    """The scene with finer triangles for spheres that are large beside all else, where all else is.
+
+    Args:
+        spheres: those that may be among the meshes.
+        around: segments of a sphere, which are as many where nothing else is.
+    """
+    known = {id(sphere.vertices): sphere for sphere in spheres}
+    if not known:
+        return list(meshes)
+    try:
+        boxes = [bounding_box([mesh]) for mesh in meshes]
+    except SceneError:  # of a mesh without triangles; what is to be said of it, others say
+        return list(meshes)
+    sizes = [float(np.linalg.norm(high - low)) for low, high in boxes]
+    order = sorted(range(len(meshes)), key=lambda at: -sizes[at])
+    lows = np.minimum.accumulate([boxes[at][0] for at in reversed(order)])[::-1]
+    highs = np.maximum.accumulate([boxes[at][1] for at in reversed(order)])[::-1]
+    large = 0
+    for rank, at in enumerate(order[: min(MOST_LARGE, len(order) - 1)]):
+        sphere = _sphere_of(meshes[at], known)
+        if sphere is None:
+            break
+        if _looked_at(sphere, lows[rank + 1], highs[rank + 1])[1] * LARGE < 1.0:
+            large = rank + 1
+    found = list(meshes)
+    for at in order[:large]:
+        mesh = meshes[at]
+        sphere = _sphere_of(mesh, known)
+        assert isinstance(mesh, Mesh)
+        assert sphere is not None
+        place, reach = _looked_at(sphere, lows[large], highs[large])
+        if abs(float(np.linalg.norm(place)) - 1.0) < NEAR * reach:
+            finer = sphere.placed(_finer(place, reach, around))
+            found[at] = replace(mesh, vertices=finer.vertices, faces=finer.faces, normals=finer.normals, uvs=finer.uvs)
+    return found
+
+
+def _sphere_of(mesh: Solid, known: dict[int, RoundShape]) -> RoundShape | None:
+    return known.get(id(mesh.vertices)) if isinstance(mesh, Mesh) and mesh.colors is None else None
+
+
+def _looked_at(
+    sphere: RoundShape, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """The middle of a box and how far it reaches from there, in the space of the unit sphere."""
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    to_unit: Matrix = np.linalg.inv(sphere.to_world).astype(np.float64)
+    corners = apply_to_points(to_unit, corners)
+    middle = corners.mean(axis=0)
+    return middle, float(np.linalg.norm(corners - middle, axis=1).max())
+
+
+def _finer(place: NDArray[np.float64], reach: float, around: int) -> MeshData:
+    """The unit sphere with fine triangles below a place."""
+    theta = math.acos(np.clip(place[2] / np.linalg.norm(place), -1.0, 1.0))
+    phi = math.atan2(place[1], place[0])
+    step, most = FINEST * reach, 2.0 * math.pi / around
+    offsets = _offsets(step, most)
+    thetas = theta + offsets
+    # what is close around a pole is on all sides of it
+    phis = phi + _offsets(min(step / max(math.sin(theta), step), most), most)
+    phis = phis[np.abs(phis - phi) < math.pi] % (2.0 * math.pi)
+    least = step / (4.0 * math.pi)
+    return sphere_of(_between(phis / (2.0 * math.pi), least / 2.0), _between(thetas / math.pi, least))
+
+
+def _offsets(step: float, most: float) -> NDArray[np.float64]:
+    """Distances from 0 to beyond pi, and the same below 0, with steps that grow with them."""
+    found = [0.0]
+    while found[-1] < math.pi:
+        found.append(found[-1] + min(max(step, STEP * found[-1]), most))
+    return np.array([-each for each in reversed(found[1:])] + found)
+
+
+def _between(values: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Those between 0 and 1 in order, and these two; none closer to the next than the least."""
+    inside = np.sort(values[(values > least) & (values < 1.0 - least)])
+    inside = inside[np.append(True, np.diff(inside) > least)[: len(inside)]]
+    return np.concatenate([[0.0], inside, [1.0]])
