@@ -13,7 +13,7 @@ from two_rooms import rooms
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import _best_by_photons
+from wdpm.cluster.plan.integrator_trial import _best_by_photons, _with_photons_of_worth
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
@@ -327,6 +327,31 @@ def test_records_are_made_where_samples_do_not_hide_what_maps_get_wrong(noise: f
     best, words = _best_by_photons(flat, plans, trial, replace(trial.by_photons.settings, spp=4, indirect=Indirect.MAP))
     assert best.settings.indirect is indirect
     assert words.startswith(f"indirect light: {indirect.value}, since error times price, what is seen as patches ")
+
+
+def photons_of_worth(spp: int, indirect: Indirect, blur: float, of_caustics: float) -> tuple[int, int]:
+    """Photons, and caustic photons, of a small image: of a map of such blur, as relMSE, and caustics of such noise."""
+    asked = RenderSettings.photons
+    plans = MapPlans((MapPlan(asked), MapPlan(asked), MapPlan()), 50, (), (float(asked), float(asked), 0.0))
+    of_global = MapError(50, np.full(1, 0.1), np.zeros(1), np.zeros(1), blur * asked, np.full(1, 1e9))
+    caustics = replace(of_global, noise=np.full(1, of_caustics), blur=0.0)
+    trial = replace(trial_of(by_paths(0.5), 0.001 * spp), map_errors=(of_global, caustics))
+    settings = replace(trial.by_photons.settings, spp=spp, indirect=indirect)
+    chosen, _, _ = _with_photons_of_worth(flatten(cornell_box((128, 128))), plans, trial, settings)
+    return chosen.photons, chosen.caustic_photons
+
+
+def test_fewer_photons_do_where_gather_rays_average_over_their_patches() -> None:
+    assert photons_of_worth(4, Indirect.MAP, 7e-4, 1e-5)[0] == RenderSettings.photons
+    assert photons_of_worth(4, Indirect.CACHE, 7e-4, 1e-5)[0] <= RenderSettings.photons // FEWEST
+
+
+@pytest.mark.parametrize(("of_caustics", "fewer"), [(0.5e-4, True), (3e-4, False)], ids=["faint", "seen"])
+def test_caustics_that_are_faint_beside_the_samples_have_fewer_photons_for_little_gain(
+    of_caustics: float, fewer: bool
+) -> None:
+    """Samples leave relMSE 0.001 here."""
+    assert (photons_of_worth(32, Indirect.CACHE, 0.1, of_caustics)[1] < RenderSettings.caustic_photons) == fewer
 
 
 def coated(scene: Scene) -> Scene:
