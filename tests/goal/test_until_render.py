@@ -238,6 +238,8 @@ def test_an_error_of_nothing_is_not_foretold() -> None:
     blank = replace(noisy, pass_noise=0.0, sample_noise=0.0, bias=0.0)
     for trial, error, said in ((noisy, 0.2, "error about 0.2"), (blank, 0.0, "the pilot saw no noise")):
         assert said in promise(Schedule(trial.settings, trial, 1.0, error, 0.0), Goal(0.5), True)
+    one = Trial(RenderSettings(passes=1, spp=1), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    assert promise(Schedule(one.settings, one, 1.0, 0.2, 0.0), Goal(0.5), True).startswith("chose 1 pass of 1 sample, ")
 
 
 def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:

@@ -68,7 +68,8 @@ class Outcome:
         goal, name = self.goal, NAMES[self.goal.metric]
         found = [f"chose {self.why}"]
         if self.estimate is None:
-            found.append(f"{name} not known: {self.passes} passes are too few to tell")
+            few = "one pass is" if self.passes == 1 else f"{self.passes} passes are"
+            found.append(f"{name} not known: {few} too few to tell")
         else:
             e = self.estimate
             found.append(
@@ -77,7 +78,7 @@ class Outcome:
                 "stops by this estimate, which allows for rare light that no pass may have met"
             )
         found.append(
-            f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
+            f"{passes_in_words(self.passes, self.samples)} in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
             f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
         )
         if self.ending in (Ending.INTERRUPTED, Ending.LOST):
@@ -98,6 +99,11 @@ class Outcome:
         if times > 1000:
             return "what is left is mostly noise, and so small an error is out of reach"
         return f"what is left is mostly noise: some {max(times, 2)} times the samples would reach it"
+
+
+def passes_in_words(passes: int, samples: int) -> str:
+    """How many passes of how many samples each: "1 pass of 4 samples"."""
+    return f"{passes} {'pass' if passes == 1 else 'passes'} of {samples} {'sample' if samples == 1 else 'samples'}"
 
 
 def _finite_or_none(value: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from wdpm.goal.clock import Budget
 from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal
-from wdpm.goal.outcome import Ending, outcome_of
+from wdpm.goal.outcome import Ending, outcome_of, passes_in_words
 from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Clock
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
@@ -216,7 +216,7 @@ def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
 def promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
     """What is about to be rendered, for the person who waits for it."""
     error = _error_in_words(schedule, goal)
-    what = f"{schedule.passes} passes of {schedule.samples} samples, about {schedule.seconds:.1f} s, {error}"
+    what = f"{passes_in_words(schedule.passes, schedule.samples)}, about {schedule.seconds:.1f} s, {error}"
     if goal.error is None or expected:
         return f"chose {what}"
     return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"
