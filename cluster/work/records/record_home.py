@@ -125,14 +125,14 @@ class RecordHome:
             self._site = take(self._sites, slice(self._next_site, stop))
             self._site["pixel"] = self._pixels[self._site["slot"]]
             self._next_site = stop
-            yield from self._shoot(first_rays(len(self._site["slot"]), strata))
+            yield from self._shoot(first_rays(len(self._site["slot"]), *self._strata))
             return
         radiance, distance = self._wave.radiance(), self._wave.distance
         self._wave = None
         if self._first is None:
             counts = self._counts(radiance, distance)
             self._first = radiance, distance, counts
-            self._further.extend(further_rays(counts.reshape(-1, strata)).cut(self._most_rays))
+            self._further.extend(further_rays(counts.reshape(-1, strata), *self._strata).cut(self._most_rays))
         else:
             self._light.append(radiance)
         if self._further:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -31,7 +32,7 @@ class GatherRays:
 
     Attributes:
         record: that it is of, by its place among the sites.
-        ray: its number among those of its record: what the random numbers of its path are a function of.
+        ray: its number, another one for each ray of its record: what the random numbers of its path are a function of.
         stratum: of the hemisphere that it goes through: row * columns + column.
         turn: its number among those of its stratum: what its place in that is a function of.
     """
@@ -51,27 +52,49 @@ class GatherRays:
             yield GatherRays(self.record[piece], self.ray[piece], self.stratum[piece], self.turn[piece])
 
 
-def first_rays(sites: int, strata: int) -> GatherRays:
+def first_rays(sites: int, rows: int, columns: int) -> GatherRays:
     """One ray through each stratum of each record."""
-    every = np.tile(np.arange(strata, dtype=np.int32), sites)
-    return GatherRays(np.repeat(np.arange(sites, dtype=np.int32), strata), every, every, np.zeros_like(every))
+    strata = np.arange(rows * columns, dtype=np.int32)
+    record, stratum = np.repeat(np.arange(sites, dtype=np.int32), len(strata)), np.tile(strata, sites)
+    number = np.tile(_numbers(rows, columns).astype(np.int32), sites)
+    return GatherRays(record, number, stratum, np.zeros_like(stratum))
 
 
-def further_rays(counts: NDArray[np.int64]) -> GatherRays:
-    """As many more as are asked for, those of a record numbered after its first ones.
+def further_rays(counts: NDArray[np.int64], rows: int, columns: int) -> GatherRays:
+    """As many more as are asked for, those of a record numbered after its first ones, stratum by stratum as those are.
 
     Args:
-        counts: of each stratum of each record, shape [sites, strata].
+        counts: of each stratum of each record, shape [sites, rows * columns].
     """
     sites, strata = counts.shape
     flat = counts.reshape(-1)
     stratum = np.repeat(np.tile(np.arange(strata, dtype=np.int32), sites), flat)
-    each = counts.sum(axis=1)
-    record = np.repeat(np.arange(sites, dtype=np.int32), each)
-    before = np.repeat(np.cumsum(each) - each, each)
-    number = np.arange(len(record))
-    turn = 1 + number - np.repeat(np.cumsum(flat) - flat, flat)
-    return GatherRays(record, (strata + number - before).astype(np.int32), stratum, turn.astype(np.int32))
+    record = np.repeat(np.arange(sites, dtype=np.int32), counts.sum(axis=1))
+    turn = 1 + np.arange(len(record)) - np.repeat(np.cumsum(flat) - flat, flat)
+    first = _numbers(rows, columns)
+    order = np.argsort(first)
+    before = np.zeros_like(counts)
+    before[:, order] = np.cumsum(counts[:, order], axis=1) - counts[:, order]
+    number = first.max() + np.repeat(before.reshape(-1), flat) + turn
+    return GatherRays(record, number.astype(np.int32), stratum, turn.astype(np.int32))
+
+
+@functools.cache
+def _numbers(rows: int, columns: int) -> NDArray[np.int64]:
+    """Numbers of the first rays of a record's strata: bits of row and column by turns (Morton 1966), shape [strata].
+
+    Points of a stream are even over each range of numbers (kernels/maths/random.py), so what one lamp or one near wall
+    takes up of a hemisphere should be few ranges of numbers: then shadow rays there, and the bounces of rays that go
+    on, are spread evenly among each other. (Ahmed & Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo
+    Sampling Error via Hierarchical Ordering of Pixels", number pixels so.) Where rows or columns are no power of two
+    some numbers are nobody's.
+    """
+    row, column = np.divmod(np.arange(rows * columns, dtype=np.int64), columns)
+    number = np.zeros_like(row)
+    for bit in range(max(rows, columns).bit_length()):
+        number |= (column >> bit & 1) << (2 * bit) | (row >> bit & 1) << (2 * bit + 1)
+    number.flags.writeable = False
+    return number
 
 
 class RecordWave:

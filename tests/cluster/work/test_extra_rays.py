@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from wdpm.cluster.work.records.extra_rays import extra_rays, means, neighbours_spread, standard_errors
-from wdpm.cluster.work.records.record_wave import further_rays
+from wdpm.cluster.work.records.record_wave import first_rays, further_rays
 
 Values = NDArray[np.float64]
 ROWS, COLUMNS = 8, 25
@@ -171,11 +171,38 @@ def test_dark_hemispheres_get_no_rays_for_unseen_light() -> None:
 
 
 def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> None:
-    rays = further_rays(np.array([[0, 2, 1], [0, 0, 0], [1, 0, 1]]))
-    assert rays.record.tolist() == [0, 0, 0, 2, 2]
-    assert rays.stratum.tolist() == [1, 1, 2, 0, 2]
-    assert rays.ray.tolist() == [3, 4, 5, 3, 4]
-    assert rays.turn.tolist() == [1, 2, 1, 1, 1]  # each stratum has had one before
+    rays = further_rays(np.array([[0, 2, 1, 1], [0, 0, 0, 0], [1, 0, 1, 0]]), 2, 2)
+    assert first_rays(1, 2, 2).ray.tolist() == [0, 1, 2, 3]
+    assert rays.record.tolist() == [0, 0, 0, 0, 2, 2]
+    assert rays.stratum.tolist() == [1, 1, 2, 3, 0, 2]
+    assert rays.ray.tolist() == [4, 5, 6, 7, 4, 5]
+    assert rays.turn.tolist() == [1, 2, 1, 1, 1, 1]  # each stratum has had one before
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 3), (3, 9), (8, 25), (16, 50), (22, 70)])
+def test_no_two_rays_of_a_record_have_one_number(rows: int, columns: int) -> None:
+    counts = np.random.default_rng(columns).integers(0, 4, (2, rows * columns))
+    first, further = first_rays(2, rows, columns), further_rays(counts, rows, columns)
+    for record in (0, 1):
+        of_first, of_further = first.ray[first.record == record], further.ray[further.record == record]
+        assert len(np.unique(of_first)) == rows * columns
+        assert sorted(of_further) == list(range(of_first.max() + 1, of_first.max() + 1 + counts[record].sum()))
+
+
+def test_what_lies_together_in_a_hemisphere_has_numbers_that_follow_each_other() -> None:
+    """Each aligned square of strata has one range of numbers: points of a stream are even over it."""
+    number = first_rays(1, 16, 48).ray.reshape(16, 48)
+    for row, column in ((0, 0), (4, 20), (12, 44)):
+        square = np.sort(number[row : row + 4, column : column + 4].reshape(-1))
+        assert np.array_equal(square, square[0] + np.arange(16))
+        assert square[0] % 16 == 0
+
+
+def test_further_rays_follow_the_numbers_of_first_ones() -> None:
+    counts = np.random.default_rng(2).integers(0, 3, (1, 8 * 25))
+    first, further = first_rays(1, 8, 25), further_rays(counts, 8, 25)
+    by_number = np.argsort(further.ray)
+    assert (np.diff(first.ray[further.stratum[by_number]]) >= 0).all()
 
 
 def test_records_know_about_how_much_they_err() -> None:

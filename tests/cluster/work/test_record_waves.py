@@ -41,10 +41,10 @@ def test_no_bit_depends_on_how_many_rays_are_under_way(most: int, cells: int, bo
 
 
 def test_pieces_of_rays_are_all_of_them() -> None:
-    rays = further_rays(np.array([[0, 2, 1], [3, 0, 0]]))
+    rays = further_rays(np.array([[0, 2, 1], [3, 0, 0]]), 1, 3)
     pieces = list(rays.cut(4))
     assert [len(piece) for piece in pieces] == [4, 2]
     for name in ("record", "ray", "stratum", "turn"):
         joined = np.concatenate([getattr(piece, name) for piece in pieces])
         assert np.array_equal(joined, getattr(rays, name))
-    assert not list(further_rays(np.zeros((2, 3), np.int64)).cut(4))
+    assert not list(further_rays(np.zeros((2, 3), np.int64), 1, 3).cut(4))
