@@ -26,7 +26,7 @@ class Variants:
     Attributes:
         shade_camera_hits: for paths that end at their first surface; None where some never do.
         shade_vertices: for all others; None where there are none.
-        trace_samples: does the work of others in one launch, on the CPU and in one cell; None where it cannot.
+        trace_samples: does the work of others in one launch, on the CPU, as far as a cell reaches; or None.
     """
 
     first_camera_cells: wp.Kernel

@@ -27,7 +27,7 @@ from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.sample_weights import SampleWeights
 from wdpm.cluster.work.waves import Piece, sample_groups, waves
-from wdpm.cluster.work.whole.samples import NO_COUNTS
+from wdpm.cluster.work.whole.launches import NO_COUNTS
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples

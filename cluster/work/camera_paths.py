@@ -21,7 +21,9 @@ from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.shadows import Shadows
-from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, RecordRays, WholeSamples, add_counts
+from wdpm.cluster.work.whole.launches import Counts, TraceLaunches
+from wdpm.cluster.work.whole.samples import RaysTracedWhole, RecordRays, WholeSamples, add_counts
+from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
@@ -61,7 +63,9 @@ class CameraPaths:
         self.beams = Beams(cell, store, replica, self.guards)
         self.gathering = PhotonGathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
-        self.whole = WholeSamples(trees, surfaces, store, replica)
+        self._launches = TraceLaunches(trees, surfaces, store, replica)
+        self.whole = WholeSamples(self._launches)
+        self.within = WithinCell(cell, self._launches)
         self.vertices = 0
 
     def begin_view(self) -> None:
@@ -73,7 +77,7 @@ class CameraPaths:
         self.guards.counts.clear()
         self.gathering.begin_view()
         self.final_gather.begin_view()
-        self.whole.begin_view(self._scene)
+        self._launches.begin_view(self._scene)
 
     def trace_rays_whole(self, rays: RecordRays) -> RaysTracedWhole | None:
         """As WholeSamples.trace_rays, for rays as they set out."""
@@ -150,6 +154,11 @@ class CameraPaths:
         """Light final hits of camera rays in this cell."""
         kernels, device = self._replica.kernels, self._replica.launcher.device
         rays = columns.upload(Rays, batch.arrays, device, written=())
+        if self.within.can_be:
+            follows = self._followed(batch, start_paths(self._replica, rays, len(batch)), first=True)
+            if follows is not None:
+                yield from follows
+                return
         if kernels.shade_vertices is None:
             yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
             return
@@ -258,8 +267,13 @@ class CameraPaths:
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
         arrays = batch.arrays
-        self.vertices += len(batch)
         rays = columns.upload(Paths, arrays, self._replica.launcher.device, written=())
+        if self.within.can_be:
+            followed = self._followed(batch, rays, first=False)
+            if followed is not None:
+                yield from followed
+                return
+        self.vertices += len(batch)
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), int(vertices.SHOTS_LATER), actions)
         follows = list(self._send_on(batch, shaded))
@@ -274,6 +288,45 @@ class CameraPaths:
         lit_parts += [Batch(Kind.LIT, self._cell, batch.runs.among(rows), reach) for rows, reach in reaches]
         lit = joined(lit_parts)
         yield replace(lit, runs=lit.runs.with_credit(rest_of(batch.runs, follows)))
+        yield from follows
+
+    def _followed(self, batch: Batch, paths: Any, *, first: bool) -> Iterator[Batch] | None:
+        """What follows from final hits in this cell, of paths that are followed as far as it reaches.
+
+        Args:
+            paths: of the batch (kernels.camera.paths.Paths).
+            first: whether these are camera rays.
+
+        Returns:
+            None where guards are to count what happens: it is then to be found vertex by vertex.
+        """
+        followed = self.within.follow(paths, len(batch), first=first)
+        if followed is None:
+            return None
+        self.count_whole(followed.counts)
+        return self._bring(batch, followed, first=first)
+
+    def _bring(self, batch: Batch, followed: FollowedPaths, *, first: bool) -> Iterator[Batch]:
+        """See _followed."""
+        shots, paths, lit = followed.shots, followed.paths, followed.parts
+        follows = list(self.shadows.send_on(batch.runs, shots))
+        for kind, destination, chosen in (
+            (Kind.PATH, paths["onward"], paths["onward"] >= 0),
+            (Kind.VERTEX, paths["owner"], paths["onward"] < 0),
+        ):
+            for cell, rows in by_destination(destination, chosen):
+                mine = batch.runs.among(paths["whose"].take(rows))
+                sent = take({name: paths[name] for name in SCHEMAS[kind]}, rows)
+                follows.append(Batch(kind, cell, self._with_credit(mine, sent["bounce"]), sent))
+        runs = batch.runs.among(lit["whose"])
+        arrived = {name: lit[name] for name in SCHEMAS[Kind.LIT]}
+        if first:  # a part of each camera ray's credit comes with its light
+            follows.append(Batch(Kind.LIT, self._cell, runs.with_credit(batch.runs.rows), arrived))
+            cell_of = np.full(len(batch), self._cell, np.int32)
+            samples = {"slot": batch.arrays["slot"], **followed.first, "cell": cell_of}
+            yield Batch(Kind.SAMPLES, self._cell, batch.runs.with_credit(rest_of(batch.runs, follows)), samples)
+        else:
+            yield Batch(Kind.LIT, self._cell, runs.with_credit(rest_of(batch.runs, follows)), arrived)
         yield from follows
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:

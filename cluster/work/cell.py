@@ -22,7 +22,8 @@ from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_paths import PhotonPaths
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.work.whole.samples import Counts, RaysTracedWhole, RecordRays, TracedWhole
+from wdpm.cluster.work.whole.launches import Counts
+from wdpm.cluster.work.whole.samples import RaysTracedWhole, RecordRays, TracedWhole
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.lights import lights
 from wdpm.kernels.rays import cell_triangles, two_level

@@ -19,7 +19,9 @@ from wdpm.cluster.runs import Numbers, Runs
 from wdpm.kernels.camera.vertices import (
     BEAM_PART,
     BOUNCES,
+    CAUSTIC_PART,
     EMISSION_PART,
+    INDIRECT_PART,
     MEDIUM_SECTION,
     PARTS,
     REACH_PART,
@@ -29,8 +31,8 @@ from wdpm.kernels.camera.vertices import (
 from wdpm.kernels.limits import CHAIN_LIMIT
 
 EMISSION: Final = int(EMISSION_PART)
-INDIRECT: Final = 1
-CAUSTIC: Final = 2
+INDIRECT: Final = int(INDIRECT_PART)
+CAUSTIC: Final = int(CAUSTIC_PART)
 BEAM: Final = int(BEAM_PART)
 REACH: Final = int(REACH_PART)
 

@@ -71,6 +71,20 @@ class Shadows:
         destination = np.where(destination == sr.SHADOW_CLEAR, np.int32(self._cell), destination)
         yield from self._send(runs, Kind.SHADOW_WALK, arrays, destination)
 
+    def send_on(self, runs: Runs, shots: Arrays) -> Iterator[Batch]:
+        """Send segments to the cells that they are to visit next, which this one has been asked about.
+
+        Args:
+            runs: whose the paths are that they set out from.
+            shots: Kind.SHADOW; `whose` path each is of, ascending; and where each goes `onward`.
+        """
+        kind, count = Kind.SHADOW, len(shots["slot"])
+        if self._replica.world.features.walks:
+            kind, shots = Kind.SHADOW_WALK, {**shots, "medium": np.full(count, -1, np.int32), **_no_blockers(count)}
+        arrays = {name: shots[name] for name in SCHEMAS[kind]}
+        for cell, rows in by_destination(shots["onward"], shots["onward"] >= 0):
+            yield Batch(kind, cell, runs.among(shots["whose"].take(rows)).with_unit(), take(arrays, rows))
+
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
         segments = columns.upload(sr.Segments, batch.arrays, self._replica.launcher.device, written=())

@@ -41,6 +41,8 @@ CACHED = wp.constant(1)
 
 # Parts of a vertex, after its shadow rays: cluster.work.parts.
 EMISSION_PART = wp.constant(0)
+INDIRECT_PART = wp.constant(1)
+CAUSTIC_PART = wp.constant(2)
 BEAM_PART = wp.constant(3)
 REACH_PART = wp.constant(4)
 """Not light: how far a gather ray of a record of the irradiance cache went (cluster.work.records.record_home)."""

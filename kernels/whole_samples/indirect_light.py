@@ -38,7 +38,11 @@ SHORT = wp.constant(5)
 UNREAD = wp.constant(6)
 INTERPOLATED = wp.constant(7)
 UNCOVERED = wp.constant(8)
-COUNTS = wp.constant(9)
+# Of what leaves a cell: how long the lists of kernels.whole_samples.leaving are.
+TOLD = wp.constant(9)
+SHOTS_LEFT = wp.constant(10)
+PATHS_LEFT = wp.constant(11)
+COUNTS = wp.constant(12)
 
 # Of what is remembered of gathers.
 _OF_GLOBAL_MAP = wp.constant(0)

@@ -1,12 +1,13 @@
-"""Samples of pixels, and gather rays of records, to the end of their paths in one launch: where one cell is all.
+"""Samples of pixels, and gather rays of records, to the end of their paths in one launch, as far as a cell reaches.
 
-Elsewhere rays, hits and shadow rays travel between cells as batches, and each step of a path is a launch of its own.
-With one cell nothing travels, and to write down what a ray found, sort it and read it again takes longer than to find
-it. So here a path is followed to its end, by the functions of those kernels and with their random numbers, and what its
+Between cells rays, hits and shadow rays travel as batches, and each step of a path is a launch of its own. With one
+cell nothing travels, and to write down what a ray found, sort it and read it again takes longer than to find it. So
+here a path is followed to its end, by the functions of those kernels and with their random numbers, and what its
 vertices show is added in the order of their places (vertices.place_of, add_samples): the bits are the same.
 
-Gather rays of irradiance records (record_rays) are paths that have left their first surface. One kernel follows both,
-since nearly all of it is the same, and takes long to compile.
+Gather rays of irradiance records (record_rays) are paths that have left their first surface. And in one of several
+cells, paths that have come to a surface there are followed until they leave it; what they show is written down
+(leaving), and added at home. One kernel follows all, since nearly all of it is the same, and takes long to compile.
 
 Nothing is said of what is not finite, nor of paths that are cut off, nor of photons in one place. Samples that meet any
 of it are told of, and whoever launched this has them rendered in the other way, which counts such things.
@@ -21,7 +22,7 @@ import warp as wp
 from wdpm.kernels.camera.add_samples import Sums
 from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera.misses import make_escaped
-from wdpm.kernels.camera.paths import Vertex, camera_path
+from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
 from wdpm.kernels.camera.rays import begin_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.shading import make_shade
@@ -32,6 +33,7 @@ from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites, record_path
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
+from wdpm.kernels.rays.cells import cell_on_way, next_cell
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 from wdpm.kernels.whole_samples.indirect_light import (
@@ -43,6 +45,19 @@ from wdpm.kernels.whole_samples.indirect_light import (
     count,
     decide,
     make_indirect_light,
+)
+from wdpm.kernels.whole_samples.leaving import (
+    WHOLE_SCENE,
+    Found,
+    Leaving,
+    Within,
+    has_room,
+    leave_by_path,
+    leave_by_shot,
+    make_look_along,
+    place_of_emission,
+    tell,
+    tell_of_vertex,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -85,17 +100,6 @@ class Sample:
 
 
 @wp.func
-def hit_of(p: Vertex) -> Hit:
-    """The best hit so far of a path's ray."""
-    hit = Hit()
-    hit.t = p.t
-    hit.prim = p.prim
-    hit.u = p.u
-    hit.v = p.v
-    return hit
-
-
-@wp.func
 def arrived_at(p: Vertex, hit: Hit) -> Vertex:
     """A path where its ray ends."""
     p.t = hit.t
@@ -115,20 +119,41 @@ def orders_at(orders: Orders, bounce: wp.int32) -> Orders:
 
 @functools.cache
 def make_arriving(features: Features) -> wp.Function:
-    """The function `arriving` for a set of features: (scene, trees, j, scratch) -> radiance."""
+    """The function `arriving` for a set of features: (scene, trees, j, within, scratch, leaving, notes) -> radiance."""
     closest_hit = closest_function(features.instances)
     any_hit = any_function(features.instances)
     pass_through = make_pass_through(features)
 
     @wp.func
-    def arriving(scene: wp.ref[Scene], trees: wp.ref[Trees], j: wp.int32, scratch: wp.ref[Shaded]) -> wp.vec3:
-        """What of the light of shadow ray j arrives."""
+    def arriving(
+        scene: wp.ref[Scene],
+        trees: wp.ref[Trees],
+        j: wp.int32,
+        within: Within,
+        scratch: wp.ref[Shaded],
+        leaving: wp.ref[Leaving],
+        notes: wp.ref[Notes],
+    ) -> wp.vec3:
+        """What of the light of shadow ray j arrives, as far as the cell knows: others may be asked about the rest."""
         radiance = scratch.shots.radiance[j]
         if wp.max(radiance) > 0.0:
             origin = scratch.shots.origin[j]
             direction = scratch.shots.direction[j]
+            onward = within.cell
+            if within.cell != WHOLE_SCENE:
+                onward = cell_on_way(scene.cells, origin, direction, SEGMENT_END, -1, True)
+                if wp.static(features.walks):  # it is walked by other kernels, from the cell where it begins
+                    onward = wp.where(onward < 0, within.cell, onward)
+                    leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)
+                    return wp.vec3(0.0)
             if wp.static(not features.walks):
-                if any_hit(trees, origin, direction, SEGMENT_END):
+                if onward == within.cell:
+                    if any_hit(trees, origin, direction, SEGMENT_END):
+                        return wp.vec3(0.0)
+                    if within.cell != WHOLE_SCENE:
+                        onward = next_cell(scene.cells, origin, direction, SEGMENT_END, within.cell)
+                if onward >= 0:
+                    leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)
                     return wp.vec3(0.0)
             if wp.static(features.walks):
                 way = Passage()
@@ -160,16 +185,85 @@ def finite_or_spoilt(radiance: wp.vec3, notes: wp.ref[Notes]) -> wp.vec3:
     return radiance
 
 
+@wp.func
+def with_vertex(sample: Sample, p: Vertex, found: Found, lit: wp.vec3d, weight: wp.float32, orders: Orders) -> Sample:
+    """A sample with what one more vertex of its path shows.
+
+    Args:
+        lit: light of all of the vertex's shadow rays, weighted.
+        orders: of first vertices.
+    """
+    emission = wp.vec3d(found.emission * weight)
+    caustic = wp.vec3d(found.caustic * weight)
+    if p.bounce == 0:
+        sample.direct = emission + lit * (wp.float64(1.0) / wp.float64(orders.light_samples))
+    else:
+        if p.diffuse > 0:
+            sample.indirect += lit
+        else:
+            sample.direct += lit
+        if p.diffuse > 1:
+            sample.indirect += emission
+        else:
+            sample.direct += emission
+    sample.indirect += wp.vec3d(found.indirect * weight)
+    if p.diffuse > 0:
+        sample.indirect += caustic
+    else:
+        sample.caustic += caustic
+    return sample
+
+
 @functools.cache
-def make_trace(features: Features) -> wp.Function:
-    """The function `trace` for a set of features: one sample, by (scene, trees, known, p, weight, ...)."""
-    closest_hit = closest_function(features.instances)
-    arriving = make_arriving(features)
+def make_light_at(features: Features) -> wp.Function:
+    """The function `light_at` for a set of features: (scene, known, p, orders, scratch, keys, ints, notes) -> Found."""
     shade = make_shade(features)
-    escaped = make_escaped(features)
     indirect_light = make_indirect_light(features)
     at_vertex = indirect_light.at_vertex
     caustics = indirect_light.caustics
+
+    @wp.func
+    def light_at(
+        scene: wp.ref[Scene],
+        known: wp.ref[KnownLight],
+        p: Vertex,
+        orders: Orders,
+        scratch: wp.ref[Shaded],
+        keys: wp.array[wp.uint64],
+        ints: wp.array[wp.int32],
+        notes: wp.ref[Notes],
+    ) -> Found:
+        """What a vertex shows besides the light of its shadow rays, which are left in the scratch.
+
+        Args:
+            orders: of this vertex.
+        """
+        found = Found()
+        decision = Decision()
+        p.action = TRACE_ON
+        if wp.static(features.traced):
+            if orders.diffuse_light == BY_FINAL_GATHER:
+                decision = decide(scene.surfaces, known, p, orders.max_depth, keys, ints, notes)
+                p.action = decision.action
+        shade(scene, p, orders, scratch)
+        found.emission = finite_or_spoilt(scratch.seen.emission[0], notes)
+        if orders.diffuse_light != BY_PATHS:
+            light = at_vertex(known, p, decision, orders, scratch, keys, ints, notes)
+            found.indirect = finite_or_spoilt(light, notes)
+            light = caustics(known, p, decision, orders, scratch, keys, ints, notes)
+            found.caustic = finite_or_spoilt(light, notes)
+        return found
+
+    return light_at
+
+
+@functools.cache
+def make_trace(features: Features) -> wp.Function:
+    """The function `trace` for a set of features: one path, by (scene, trees, known, p, weight, ...)."""
+    look_along = make_look_along(features)
+    arriving = make_arriving(features)
+    escaped = make_escaped(features)
+    light_at = make_light_at(features)
 
     @wp.func
     def trace(
@@ -179,81 +273,69 @@ def make_trace(features: Features) -> wp.Function:
         p: Vertex,
         weight: wp.float32,
         orders: Orders,
+        within: Within,
         scratch: wp.ref[Shaded],
+        leaving: wp.ref[Leaving],
         keys: wp.array[wp.uint64],
         ints: wp.array[wp.int32],
         notes: wp.ref[Notes],
     ) -> Sample:
-        """One sample.
+        """One path: to its end, or to where it leaves the cell. What it comes to within one of several is written down.
 
         Args:
             p: as its first ray sets out, or (prim >= 0) with what that met.
+            orders: of first vertices.
             scratch: of one vertex, for all of the path, one after another.
             keys, ints: scratch of gathers.
         """
-        found = Sample()
-        found.depth = -1.0
-        found.reach = _INF
+        sample = Sample()
+        sample.depth = -1.0
+        sample.reach = _INF
         begins = p.bounce
         p.row = 0
         goes_on = wp.int32(1)
         while goes_on == 1:
             goes_on = 0
-            met = hit_of(p)
-            if met.prim < 0:
-                met = closest_hit(trees, p.origin, p.direction, met)
-            if met.prim < 0:
+            look = look_along(scene, trees, p, within.cell)
+            now = orders_at(orders, p.bounce)
+            stays = look.onward < 0
+            if within.cell != WHOLE_SCENE:
+                if stays and look.hit.prim >= 0:
+                    stays = look.owner == within.cell and has_room(leaving, notes, orders.shots, 1 + within.later)
+                if not stays:
+                    leave_by_path(p, look, within, leaving.paths, notes)
+            if stays and look.hit.prim < 0:
                 if wp.static(features.misses):
                     beyond = finite_or_spoilt(escaped(scene, p, orders, scratch.stretches), notes)
-                    if p.diffuse > 1:
-                        found.indirect += wp.vec3d(beyond * weight)
+                    if within.cell != WHOLE_SCENE:
+                        place = place_of_emission(p, orders.light_samples)
+                        tell(p.slot, place, beyond, within, leaving.parts, notes)
+                    elif p.diffuse > 1:
+                        sample.indirect += wp.vec3d(beyond * weight)
                     else:
-                        found.direct += wp.vec3d(beyond * weight)
-            else:
-                p = arrived_at(p, met)
+                        sample.direct += wp.vec3d(beyond * weight)
+            elif stays:
+                p = arrived_at(p, look.hit)
                 if p.bounce == begins:
-                    found.reach = p.t * wp.length(p.direction)
-                now = orders_at(orders, p.bounce)
-                decision = Decision()
-                p.action = TRACE_ON
-                if wp.static(features.traced):
-                    if orders.diffuse_light == BY_FINAL_GATHER:
-                        decision = decide(scene.surfaces, known, p, orders.max_depth, keys, ints, notes)
-                        p.action = decision.action
-                shade(scene, p, now, scratch)
+                    sample.reach = p.t * wp.length(p.direction)
+                found = light_at(scene, known, p, now, scratch, keys, ints, notes)
                 lit = wp.vec3d()
                 for j in range(now.shots):
                     finite_or_spoilt(scratch.shots.radiance[j], notes)
-                    lit += wp.vec3d(arriving(scene, trees, j, scratch) * weight)
-                emission = wp.vec3d(finite_or_spoilt(scratch.seen.emission[0], notes) * weight)
-                gathered = wp.vec3d()
-                caustic = wp.vec3d()
-                if orders.diffuse_light != BY_PATHS:
-                    light = at_vertex(known, p, decision, orders, scratch, keys, ints, notes)
-                    gathered = wp.vec3d(finite_or_spoilt(light, notes) * weight)
-                    light = caustics(known, p, decision, orders, scratch, keys, ints, notes)
-                    caustic = wp.vec3d(finite_or_spoilt(light, notes) * weight)
+                    arrives = arriving(scene, trees, j, within, scratch, leaving, notes)
+                    if within.cell != WHOLE_SCENE:
+                        tell(p.slot, scratch.shots.place[j], arrives, within, leaving.parts, notes)
+                    lit += wp.vec3d(arrives * weight)
+                if within.cell != WHOLE_SCENE:
+                    tell_of_vertex(p, found, orders, within, leaving.first, leaving.parts, notes)
+                else:
+                    sample = with_vertex(sample, p, found, lit, weight, orders)
+                    if p.bounce > 0:
+                        count(notes, VERTICES, 1)
                 if p.bounce == 0:
-                    found.depth = scratch.seen.depth[0]
-                    found.normal = scratch.seen.normal[0] * weight
-                    found.albedo = scratch.seen.albedo[0] * weight
-                    share = wp.float64(1.0) / wp.float64(orders.light_samples)
-                    found.direct = emission + lit * share
-                else:
-                    count(notes, VERTICES, 1)
-                    if p.diffuse > 0:
-                        found.indirect += lit
-                    else:
-                        found.direct += lit
-                    if p.diffuse > 1:
-                        found.indirect += emission
-                    else:
-                        found.direct += emission
-                found.indirect += gathered
-                if p.diffuse > 0:
-                    found.indirect += caustic
-                else:
-                    found.caustic += caustic
+                    sample.depth = scratch.seen.depth[0]
+                    sample.normal = scratch.seen.normal[0] * weight
+                    sample.albedo = scratch.seen.albedo[0] * weight
                 if wp.static(features.goes_on):
                     throughput = finite_or_spoilt(scratch.paths.throughput[0], notes)
                     if scratch.paths.bounce[0] >= _CHAIN_LIMIT:
@@ -261,7 +343,7 @@ def make_trace(features: Features) -> wp.Function:
                     elif wp.max(throughput) > 0.0 and wp.isfinite(throughput):
                         p = camera_path(scene.camera, scratch.paths, 0)
                         goes_on = 1
-        return found
+        return sample
 
     return trace
 
@@ -315,6 +397,8 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         pixels: Pixels,
         sites: Sites,
         rays: ArrivedRays,
+        paths: Paths,
+        cell: wp.int32,
         start: wp.int32,
         samples: wp.int32,
         orders: Orders,
@@ -323,6 +407,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         end: wp.int32,
         scratch: Shaded,
         notes: Notes,
+        leaving_out: Leaving,
         sums_out: Sums,
         hit_out: wp.array[wp.int32],
         radiance_out: wp.array[wp.vec3d],
@@ -331,26 +416,42 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
 
         Or find what comes along gather rays of records: where there are any, they are its items in place of pixels.
+        Or follow paths within one of several cells, which then are its items.
 
         It is launched for one item, which is pixels `first` to `end`: one sample is traced after another.
 
         Args:
             sites: of the records.
-            start: of gather rays, the number of a record's first.
+            paths: with final hits in the cell.
+            cell: its number; WHOLE_SCENE where it is the only one.
+            start: of gather rays, and of paths, the number of a record's first.
             orders: of first vertices.
             sums: so far.
             scratch: of one vertex, and of this launch alone.
             notes: of this launch alone.
+            leaving_out: what is written down of paths, by their places from `first` on.
             hit_out: 1 where the first of the samples met a surface.
             radiance_out: what came along each gather ray, its parts added in their order.
             distance_out: how far it went [scene units].
         """
         keys = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
         ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
+        within = Within()
+        within.cell = cell
+        within.first_ray = start
         for i in range(first + wp.tid(), end):
-            if rays.prim.shape[0] > 0:
+            if cell != WHOLE_SCENE:
+                within.whose = i - first
+                within.later = end - 1 - i
+                p = camera_path(scene.camera, paths, i)
+                found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
+                if p.bounce == 0:
+                    leaving_out.first.depth[i - first] = found.depth
+                    leaving_out.first.normal[i - first] = found.normal
+                    leaving_out.first.albedo[i - first] = found.albedo
+            elif rays.prim.shape[0] > 0:
                 p = arrived_ray(scene, sites, rays, i, start)
-                found = trace(scene, trees, known, p, 1.0, orders, scratch, keys, ints, notes)
+                found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
                 radiance_out[i] = found.direct + found.indirect
                 distance_out[i] = found.reach
             else:
@@ -367,7 +468,9 @@ def make_trace_samples(features: Features) -> wp.Kernel:
                     if pixels.weight.shape[0] > 0:
                         weight = pixels.weight[i * samples + s]
                     p = first_path(scene.camera, pixels.pixel[i], pixels.first[i] + start + s)
-                    found = trace(scene, trees, known, p, weight, orders, scratch, keys, ints, notes)
+                    found = trace(
+                        scene, trees, known, p, weight, orders, within, scratch, leaving_out, keys, ints, notes
+                    )
                     if found.depth >= 0.0:
                         hits += 1
                         depth += wp.float64(found.depth)

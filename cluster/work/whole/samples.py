@@ -12,28 +12,16 @@ from wdpm.cluster.batch import Arrays
 from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.rows import put_rows, take_rows
 from wdpm.cluster.work.final_gather import FinalGatherCounters
-from wdpm.cluster.work.photon_gathers import PhotonGatherCounters, fewer_of_rays, least_of
-from wdpm.cluster.work.photon_store import PhotonStore
-from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.world import View
+from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
+from wdpm.cluster.work.whole.launches import Counts, TraceLaunches, sum_of
 from wdpm.kernels import columns
-from wdpm.kernels.camera import add_samples, vertices
-from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites
-from wdpm.kernels.launch import arguments_of
-from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
-from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.two_level import Trees
+from wdpm.kernels.camera import add_samples
+from wdpm.kernels.irradiance.record_rays import ArrivedRays
 from wdpm.kernels.whole_samples import indirect_light, trace
 
 WHOLE_GRAIN = 256
 """Samples below which handing a chunk of them to another thread costs more than it saves: of half a microsecond at
 least, mostly of several."""
-
-Counts = NDArray[np.int64]
-"""By the numbers of kernels.whole_samples.indirect_light, VERTICES and so on."""
-
-NO_COUNTS: Counts = np.zeros(int(indirect_light.COUNTS), np.int64)
 
 
 class TracedWhole(NamedTuple):
@@ -83,28 +71,10 @@ class RaysTracedWhole(NamedTuple):
 
 
 class WholeSamples:
-    """Traces samples and gather rays in the only cell.
+    """Traces samples and gather rays in the only cell."""
 
-    Args:
-        trees, surfaces: its triangles on the device.
-        store: its photons.
-    """
-
-    def __init__(self, trees: Trees, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
-        self._trees = trees
-        self._surfaces = surfaces
-        self._store = store
-        self._replica = replica
-        self._scene: Any = None
-        self._known: tuple[list[Any], Any] = ([], None)  # and what it was made of
-
-    def begin_view(self, scene: Any) -> None:
-        """Look through the replica's view.
-
-        Args:
-            scene: kernels.camera.scene.Scene, in the cell.
-        """
-        self._scene, self._known = scene, ([], None)
+    def __init__(self, launches: TraceLaunches) -> None:
+        self._launches = launches
 
     @property
     def can_be(self) -> bool:
@@ -112,8 +82,7 @@ class WholeSamples:
 
         In one cell, which has all that they meet, and where nobody looks on.
         """
-        replica, world = self._replica, self._replica.world
-        return replica.kernels.trace_samples is not None and replica.observer is None and world.top_tree.cells == 1
+        return self._launches.can_be and self._launches.replica.world.top_tree.cells == 1
 
     def trace(self, pixels: Arrays, start: int, samples: int, sums: Any) -> TracedWhole | None:
         """Add samples `start` to `start + samples` of some pixels to their sums.
@@ -126,23 +95,21 @@ class WholeSamples:
             what they come to; None where something happened that guards count: then all that is under way with them is
             to be rendered in the other way.
         """
-        device, count = self._replica.launcher.device, len(pixels["pixel"])
+        device, count = self._launches.replica.launcher.device, len(pixels["pixel"])
         sums_out = columns.zeros(add_samples.Sums, count, device)
         hit = columns.integers(count, device)
         uploaded = columns.upload(trace.Pixels, pixels, device, written=())
-        counts = self._launch(
-            count,
-            max(1, WHOLE_GRAIN // samples),
-            pixels=uploaded,
-            sites=columns.empty(Sites, 0, device),
-            rays=columns.empty(ArrivedRays, 0, device),
-            start=start,
-            samples=samples,
-            sums=sums,
-            sums_out=sums_out,
-            hit_out=hit,
-            radiance_out=wp.zeros(0, dtype=wp.vec3d, device=device),
-            distance_out=columns.array_over(np.zeros(0, np.float32), wp.float32, device),
+        counts = sum_of(
+            self._launches.launch(
+                count,
+                max(1, WHOLE_GRAIN // samples),
+                pixels=uploaded,
+                start=start,
+                samples=samples,
+                sums=sums,
+                sums_out=sums_out,
+                hit_out=hit,
+            )
         )
         return None if counts[indirect_light.SPOILT] else TracedWhole(sums_out, hit.numpy() > 0, counts)
 
@@ -155,7 +122,7 @@ class WholeSamples:
         Returns:
             what they bring; None as of `trace`.
         """
-        device, prim = self._replica.launcher.device, columns.column(rays.paths, "prim")
+        device, prim = self._launches.replica.launcher.device, columns.column(rays.paths, "prim")
         met = np.flatnonzero((prim >= 0) & (rays.distance >= 0))
         order = met.take(prim.take(met).argsort())
         arrived = {name: columns.column(rays.paths, name) for name in ("direction", "t", "prim", "u", "v")}
@@ -163,19 +130,16 @@ class WholeSamples:
         some = {name: take_rows(column, order) for name, column in arrived.items()}
         count, distance = len(order), np.empty(len(order), np.float32)
         radiance = wp.empty(count, dtype=wp.vec3d, device=device)
-        counts = self._launch(
-            count,
-            WHOLE_GRAIN,
-            pixels=columns.empty(trace.Pixels, 0, device),
-            sites=rays.sites,
-            rays=columns.upload(ArrivedRays, some, device, written=()),
-            start=RAY_SAMPLES,
-            samples=0,
-            sums=columns.empty(add_samples.Sums, 0, device),
-            sums_out=columns.empty(add_samples.Sums, 0, device),
-            hit_out=columns.integers(0, device),
-            radiance_out=radiance,
-            distance_out=columns.array_over(distance, wp.float32, device),
+        counts = sum_of(
+            self._launches.launch(
+                count,
+                WHOLE_GRAIN,
+                sites=rays.sites,
+                rays=columns.upload(ArrivedRays, some, device, written=()),
+                start=RAY_SAMPLES,
+                radiance_out=radiance,
+                distance_out=columns.array_over(distance, wp.float32, device),
+            )
         )
         if counts[indirect_light.SPOILT]:
             return None
@@ -183,88 +147,6 @@ class WholeSamples:
         put_rows(brought, order, radiance.numpy())
         put_rows(reach, order, distance)
         return RaysTracedWhole(brought, reach, counts)
-
-    def _launch(self, count: int, grain: int, **arguments: Any) -> Counts:
-        """Launch trace_samples for some pixels or rays.
-
-        Args:
-            grain: of these that are worth a chunk of their own.
-            arguments: of the kernel that are the same for all chunks, and that not all launches share.
-
-        Returns:
-            what was counted.
-        """
-        replica, view = self._replica, self._view
-        device, shots = replica.launcher.device, view.light_samples
-        arguments |= {
-            "scene": self._scene,
-            "trees": self._trees,
-            "known": self._known_light(),
-            "orders": replica.orders(shots, asks=self._asks),
-        }
-        # Of one vertex at a time, and each launch has its own: they run at once.
-        rows, launches, notes = {"seen": 1, "queries": 1, "coats": 1, "shots": shots, "paths": 1}, [], []
-        names, _ = arguments_of(replica.kernels.trace_samples)
-        for first, size in replica.launcher.chunks(count, grain):
-            scratch = columns.empty_nested(vertices.Shaded, rows, device)
-            notes.append(_blank_notes(device))
-            of_chunk = arguments | {"first": first, "end": first + size, "scratch": scratch, "notes": notes[-1]}
-            launches.append((1, [of_chunk[name] for name in names]))
-        replica.launcher.run(replica.kernels.trace_samples, launches)
-        return sum((each.counts.numpy().astype(np.int64) for each in notes), NO_COUNTS)
-
-    @property
-    def _asks(self) -> bool:
-        """Whether some vertices may ask photons themselves."""
-        world, view = self._replica.world, self._view
-        if view.diffuse_light is DiffuseLight.FINAL_GATHER:
-            return bool(world.caustic_map.paths) or world.features.coated or view.max_depth is not None
-        return view.diffuse_light is DiffuseLight.PHOTON_MAP
-
-    def _known_light(self) -> Any:
-        """What is known of indirect light (kernels.whole_samples.indirect_light.KnownLight); it is made once."""
-        made_of, known = self._known
-        now = [*self._store.maps, self._store.irradiance, self._replica.records]
-        if known is None or any(one is not other for one, other in zip(now, made_of, strict=True)):
-            known = self._find_out()
-            self._known = now, known
-        return known
-
-    def _find_out(self) -> Any:
-        replica, store, view = self._replica, self._store, self._view
-        known = indirect_light.KnownLight()
-        known.lambertian_sides = wp.array(replica.lambertian_sides, dtype=wp.int32, device=replica.launcher.device)
-        if self._asks:
-            if not replica.world.gathers_ahead:
-                known.global_map = self._gathered(GLOBAL_MAP, view.k)
-            known.caustic_map = self._gathered(CAUSTIC_MAP, view.caustic_k)
-        if view.diffuse_light is DiffuseLight.FINAL_GATHER:
-            plan = replica.world.irradiance
-            known.reach, known.longest = plan.reach, plan.longest
-            if store.irradiance is not None:
-                known.read_ahead, known.points = 1, store.irradiance
-            if replica.cache is not None:
-                known.interpolates, known.records = 1, replica.cache
-                known.rounds, known.wanted = view.cache.rounds, view.cache.wanted
-        return known
-
-    def _gathered(self, number: int, k: int) -> Any:
-        """A map that vertices ask (kernels.whole_samples.indirect_light.GatheredMap)."""
-        found, plan = indirect_light.GatheredMap(), self._replica.world.maps[number]
-        built = self._store.built(number)
-        if built is not None:
-            found.there, found.photons, found.edges = 1, built.tree, built.edges
-            found.points = self._store.points[number]
-            found.k, found.k_of_rays = k, fewer_of_rays(k)
-            found.r_max, found.r_least = plan.radius, least_of(plan, self._replica.world)
-            found.point_area, found.scale = plan.point_area, 1.0 / plan.paths
-        return found
-
-    @property
-    def _view(self) -> View:
-        if self._replica.view is None:
-            raise ValueError("samples were to be traced before a view was set")
-        return self._replica.view
 
 
 def add_counts(counts: Counts, gathers: PhotonGatherCounters, final_gather: FinalGatherCounters) -> None:
@@ -276,11 +158,3 @@ def add_counts(counts: Counts, gathers: PhotonGatherCounters, final_gather: Fina
     final_gather.unread += int(counts[indirect_light.UNREAD])
     final_gather.interpolated += int(counts[indirect_light.INTERPOLATED])
     final_gather.uncovered += int(counts[indirect_light.UNCOVERED])
-
-
-def _blank_notes(device: str) -> Any:
-    notes, maps = indirect_light.Notes(), int(indirect_light.GATHERED_MAPS)
-    notes.counts = wp.zeros(int(indirect_light.COUNTS), dtype=wp.int32, device=device)
-    notes.radius = wp.zeros(maps, dtype=wp.float32, device=device)
-    notes.place = wp.zeros(maps, dtype=wp.vec3, device=device)
-    return notes

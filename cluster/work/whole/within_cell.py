@@ -1,0 +1,144 @@
+"""Camera paths that one launch follows as far as their cell reaches, where it is one of several.
+
+Vertex by vertex, each step of a path is a launch of its own, and what it found is written down, sorted and read again.
+Here a path is followed to its end, or to where it leaves the cell: what leaves it, rays, hits and shadow rays, are
+batches as ever, and so is what comes home. The bits are the same, as those of samples that are followed whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wdpm.cluster.batch import Arrays
+from wdpm.cluster.records import RAY_SAMPLES
+from wdpm.cluster.work.whole.launches import Counts, TraceLaunches, sum_of
+from wdpm.kernels import columns
+from wdpm.kernels.camera import vertices
+from wdpm.kernels.whole_samples import indirect_light, leaving
+
+GRAIN = 256
+"""Paths below which handing a chunk of them to another thread costs more than it saves."""
+
+ROOM_VERTICES = 2
+"""Vertices of each path that lists have room for, before paths go on in another launch. Pages that nothing is written
+to are no memory."""
+
+
+class FollowedPaths(NamedTuple):
+    """What came of paths that were followed.
+
+    Attributes:
+        parts: Kind.LIT, and `whose`: the number of the path, ascending.
+        shots, paths: Kind.SHADOW and Kind.PATH, `whose` and `onward` (kernels.whole_samples.leaving).
+        first: of paths that began at their first vertex what that shows, one a path, else nothing.
+        counts: what they did.
+    """
+
+    parts: Arrays
+    shots: Arrays
+    paths: Arrays
+    first: Arrays
+    counts: Counts
+
+
+class WithinCell:
+    """Follows paths in one cell.
+
+    Args:
+        cell: its number.
+    """
+
+    def __init__(self, cell: int, launches: TraceLaunches) -> None:
+        self._cell = cell
+        self._launches = launches
+
+    @property
+    def can_be(self) -> bool:
+        """Whether paths can be followed here, with the same bits.
+
+        Where one cell is all, samples are followed from the camera on, or guards are to count what happens. Gathers
+        that may leave the overlap band are counted one by one, elsewhere.
+        """
+        world = self._launches.replica.world
+        if world.top_tree.cells == 1 or not self._launches.can_be:
+            return False
+        return all(plan.band >= plan.radius for plan in world.maps)
+
+    def follow(self, paths: Any, count: int, *, first: bool) -> FollowedPaths | None:
+        """Follow paths until they end, or leave the cell.
+
+        Args:
+            paths: kernels.camera.paths.Paths with final hits in it.
+            first: whether these are of camera rays; else of rays that have left a first vertex.
+
+        Returns:
+            what came of them; None where something happened that guards count: then it is to be found vertex by vertex.
+        """
+        replica = self._launches.replica
+        shots = int(vertices.SHOTS_LATER)
+        if first and replica.view is not None:
+            shots = replica.view.light_samples
+        chunks: list[tuple[int, Any]] = []
+
+        def room_for(start: int, size: int) -> dict[str, Any]:
+            rows = {
+                "parts": ROOM_VERTICES * size * (shots + leaving.PARTS_A_VERTEX),
+                "shots": ROOM_VERTICES * size * shots,
+                "paths": size,
+                "first": size if first else 0,
+            }
+            made = columns.empty_nested(leaving.Leaving, rows, replica.launcher.device)
+            chunks.append((start, made))
+            return {"leaving_out": made}
+
+        notes = self._launches.launch(
+            count, GRAIN, room_for, shots=shots, paths=paths, cell=self._cell, start=RAY_SAMPLES
+        )
+        counts = sum_of(notes)
+        if counts[indirect_light.SPOILT]:
+            return None
+        parts, left_shots, left_paths = (
+            _joined(
+                [
+                    _written(getattr(made, name), start, int(each[number]))
+                    for (start, made), each in zip(chunks, notes, strict=True)
+                ]
+            )
+            for name, number in _LISTS.items()
+        )
+        of_first = _joined([_all_of(made.first) for _, made in chunks]) if first else {}
+        return FollowedPaths(parts, left_shots, left_paths, of_first, counts)
+
+
+_LISTS = {
+    "parts": int(indirect_light.TOLD),
+    "shots": int(indirect_light.SHOTS_LEFT),
+    "paths": int(indirect_light.PATHS_LEFT),
+}
+"""Of kernels.whole_samples.leaving.Leaving, and what counts their items."""
+
+
+def _written(items: Any, start: int, count: int) -> Arrays:
+    """The items of a list that there are.
+
+    Args:
+        start: number of the chunk's first path.
+    """
+    arrays = {name: column[:count] for name, column in _all_of(items).items()}
+    if start:
+        arrays["whose"] = arrays["whose"] + np.int32(start)
+    return arrays
+
+
+def _all_of(items: Any) -> Arrays:
+    return columns.download(items, items.of_struct.vars)
+
+
+def _joined(parts: Sequence[Arrays]) -> Arrays:
+    """Arrays of several chunks, one after another."""
+    if len(parts) == 1:
+        return parts[0]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

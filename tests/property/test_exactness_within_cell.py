@@ -1,0 +1,117 @@
+"""Paths that one launch follows as far as their cell reaches have the bits of those that go vertex by vertex."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import effect_scenes
+import numpy as np
+import pytest
+from digests import alone, same_bits
+
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.work.whole import within_cell
+from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
+from wdpm.images.image import Image
+from wdpm.kernels.whole_samples.indirect_light import PATHS_LEFT
+from wdpm.rendering.in_process import render_in_process
+from wdpm.scenes import cornell_box
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse
+
+pytestmark = pytest.mark.own_kernels
+
+PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
+PHOTONS = replace(PATH, integrator=Integrator.PHOTONS, photons=1500, k=15, caustic_photons=700, caustic_k=12)
+MAP, GATHER, CACHE = (
+    replace(PHOTONS, indirect=indirect) for indirect in (Indirect.MAP, Indirect.GATHER, Indirect.CACHE)
+)
+
+# Few, as each has kernels of its own compiled: those of test_exactness_whole_samples.
+SCENES = {
+    "diffuse": cornell_box((16, 12)),
+    "metals": effect_scenes.metals(),
+    "coats": effect_scenes.coats(),
+    "panes": effect_scenes.panes(),
+}
+
+
+def divided(scene: Scene, chosen: RenderSettings, cells: int = 4, workers: int = 2, threads: int = 1) -> Image:
+    return render_in_process(scene, chosen, workers=workers, cells=cells, threads=threads)
+
+
+def vertex_by_vertex(monkeypatch: pytest.MonkeyPatch, scene: Scene, chosen: RenderSettings) -> Image:
+    """The image of cells that follow no path."""
+    with monkeypatch.context() as patch:
+        patch.setattr(WithinCell, "can_be", False)
+        return divided(scene, chosen)
+
+
+def counted_of(image: Image) -> dict[str, object]:
+    """What a report says of camera samples, times left out."""
+    report = image.metadata["report"]
+    names = ("vertices", "gathers", "gathers_truncated", "gathers_left_band", "nonfinite", "guards")
+    gathers = {name: number for name, number in (report["final_gather"] or {}).items() if not name.endswith("_s")}
+    return {name: report[name] for name in names} | gathers
+
+
+def remembered(monkeypatch: pytest.MonkeyPatch) -> list[FollowedPaths | None]:
+    """What came of all launches from here on."""
+    every: list[FollowedPaths | None] = []
+    follow = WithinCell.follow
+
+    def remember(self: WithinCell, paths: object, count: int, *, first: bool) -> FollowedPaths | None:
+        every.append(follow(self, paths, count, first=first))
+        return every[-1]
+
+    monkeypatch.setattr(WithinCell, "follow", remember)
+    return every
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen"),
+    [
+        *((name, replace(PATH, max_depth=4 if name == "panes" else None)) for name in SCENES),
+        *((name, CACHE) for name in SCENES),
+        *((name, GATHER) for name in ("diffuse", "coats")),
+        ("coats", replace(CACHE, max_depth=5)),
+        ("coats", MAP),
+    ],
+)
+def test_the_same_bits_and_counts(name: str, chosen: RenderSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = vertex_by_vertex(monkeypatch, SCENES[name], chosen)
+    launched = remembered(monkeypatch)
+    image = divided(SCENES[name], chosen)
+    assert any(one is not None and len(one.paths["slot"]) for one in launched)
+    assert same_bits(image, expected)
+    assert counted_of(image) == counted_of(expected)
+    assert all(expected.layers[layer].any() for layer in ("direct", "indirect"))
+
+
+@pytest.mark.parametrize("way", [PATH, CACHE], ids=["path", "photons"])
+@pytest.mark.parametrize("name", ["diffuse", "coats"])
+def test_threads_cells_and_room_change_no_bit(name: str, way: RenderSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With room for the first vertex of each path alone, most end there and go on in another launch."""
+    expected = alone(SCENES[name], way)
+    monkeypatch.setattr(within_cell, "GRAIN", 8)
+    assert same_bits(divided(SCENES[name], way, cells=2, workers=2, threads=3), expected)
+    monkeypatch.setattr(within_cell, "ROOM_VERTICES", 1)
+    launched = remembered(monkeypatch)
+    assert same_bits(divided(SCENES[name], way, cells=8, workers=3), expected)
+    assert sum(int(one.counts[PATHS_LEFT]) for one in launched if one is not None) > 0
+
+
+def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = np.array([[-0.5, 0.0, -0.5], [-0.5, 0.0, 0.5], [0.5, 0.0, 0.5], [0.5, 0.0, -0.5]])
+    floor = Mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]]), None, None, 0)
+    to_world = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z
+    to_world[:3, 3] = (0.0, 0.05, 1.0)
+    star = PointLight("star", (0.0, 0.3, 0.0), (5e37, 5e37, 5e37))  # right above it light overflows
+    white = diffuse("white", (0.9, 0.9, 0.9), twosided=True)
+    scene = Scene("too bright", (floor,), (white,), (star,), Camera(to_world, fov_x=40.0, width=12, height=8))
+    expected = vertex_by_vertex(monkeypatch, scene, PATH)
+    launched = remembered(monkeypatch)
+    image = divided(scene, PATH)
+    assert None in launched
+    assert image.metadata["report"]["nonfinite"] == expected.metadata["report"]["nonfinite"] != {}
+    assert same_bits(image, expected)
