@@ -60,7 +60,7 @@ class Triangles:
 
     @cached_property
     def materials(self) -> NDArray[np.int32]:
-        """Those that any triangle has, ascending."""
+        """Those that any triangle has, ascending; looked for once, since a plan asks for them some twenty times."""
         blocks = [self.material[first : first + _AT_ONCE] for first in range(0, len(self), _AT_ONCE)]
         return np.unique(np.concatenate([*map(np.unique, blocks), self.instances.shapes.material]))
 
