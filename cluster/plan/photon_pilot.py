@@ -78,6 +78,7 @@ class PhotonPilot:
     left: float | None = None
     _trees: dict[int, AmongPhotons] = field(default_factory=dict, init=False, repr=False)
     _flux: list[NDArray[np.float64]] = field(default_factory=list, init=False, repr=False)
+    _direct: list[tuple[Arrays, int]] = field(default_factory=list, init=False, repr=False)
 
     def among(self, number: int) -> AmongPhotons:
         """The photons of a map of surfaces, to be gathered from: several look for their neighbours, in one tree."""
@@ -100,6 +101,7 @@ class PhotonPilot:
         known = replace(self, left=1.0)
         known._trees.update(self._trees)
         known._flux.extend(self._flux)
+        known._direct.extend(self._direct)
         return known
 
     def light_of_path(self) -> NDArray[np.int32]:
@@ -156,8 +158,8 @@ def fly_pilot(
         of_each = _affordable_paths(worker, world)
         world = with_paths(world, of_each)
         worker.adopt(world)
-    photons = _flown(worker)
-    if of_each < PILOT_PATHS and not calls_for_media(flat) and _are_few(world, photons):
+    photons = _flown(worker) if of_each == PILOT_PATHS or calls_for_media(flat) else _flown_unless_few(worker)
+    if photons is None:
         of_each = PILOT_PATHS
         worker.adopt(with_paths(world, of_each))
         photons = _flown(worker)
@@ -180,9 +182,22 @@ def with_paths(world: World, of_each: int) -> World:
     return replace(world, global_map=maps[GLOBAL_MAP], caustic_map=maps[CAUSTIC_MAP], volume_map=maps[VOLUME_MAP])
 
 
-def _are_few(world: World, photons: list[Arrays]) -> bool:
-    """Whether some map of surfaces has fewer photons than tell how many paths store one."""
-    return any(world.maps[each].paths and len(photons[each]["id"]) < ENOUGH for each in (GLOBAL_MAP, CAUSTIC_MAP))
+def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
+    """As _flown; None as soon as some map of surfaces is seen to have fewer photons than tell how many paths store one.
+
+    Photons of one pass come to one map, and those of the global pass are traced first.
+    """
+    world, store, flown = worker.replica.world, worker.cells[0].store, 0
+    landed = store.so_far()
+    for number in (GLOBAL_MAP, CAUSTIC_MAP):
+        if not world.maps[number].paths:
+            continue
+        _fly(worker, flown + world.maps[number].paths, flown)
+        flown += world.maps[number].paths
+        landed = store.so_far()
+        if np.count_nonzero(landed["map"] == number) < ENOUGH:
+            return None
+    return _by_map(landed)
 
 
 def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:
@@ -207,10 +222,14 @@ def _photons_of(worker: CellWorker, paths: int) -> Arrays:
     return worker.cells[0].store.so_far()
 
 
-def _fly(worker: CellWorker, paths: int) -> None:
-    """Trace the first paths; some at a time where the cell lets go of the pages that each batch has looked at."""
+def _fly(worker: CellWorker, paths: int, first: int = 0) -> None:
+    """Trace the first paths; some at a time where the cell lets go of the pages that each batch has looked at.
+
+    Args:
+        first: of those that are yet to be traced.
+    """
     at_once = PATHS_OF_PAGES if worker.cells[0].lets_go else max(paths, 1)
-    for start in range(0, paths, at_once):
+    for start in range(first, paths, at_once):
         worker.start(PhotonTask(number=0, start=start, stop=min(start + at_once, paths)))
 
 
@@ -238,9 +257,11 @@ def _flies_by(settings: RenderSettings) -> tuple[object, ...]:
 
 
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
-    """Photons straight from the lights, of which no map has any, and how many paths they are of."""
-    paths = min(DIRECT_PATHS, pilot.world.global_map.paths or pilot.paths)
-    return photons_with_direct(pilot.world, pilot, paths, 1), paths
+    """Photons straight from the lights, of which no map has any, and how many paths they are of; flown once."""
+    if not pilot._direct:
+        paths = min(DIRECT_PATHS, pilot.world.global_map.paths or pilot.paths)
+        pilot._direct.append((photons_with_direct(pilot.world, pilot, paths, 1), paths))
+    return pilot._direct[0]
 
 
 def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: int) -> Arrays:

@@ -11,6 +11,7 @@ from wdpm.cluster.plan import photon_pilot
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.photon_pilot import ENOUGH, LEAST_PATHS, PILOT_PATHS, SAMPLES_A_PATH, fly_pilot
 from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import GLOBAL_MAP
@@ -58,7 +59,12 @@ def test_photons_are_flown_only_where_they_may_pay(scene: Scene, flown: bool, mo
     """Under the open sky paths leave next to no noise of indirect light; in a room nearly all of it is."""
     traced: list[int] = []
     fly = photon_pilot._fly
-    monkeypatch.setattr(photon_pilot, "_fly", lambda worker, paths: (traced.append(paths), fly(worker, paths))[1])
+
+    def noted(worker: CellWorker, paths: int, first: int = 0) -> None:
+        traced.append(paths - first)
+        fly(worker, paths, first)
+
+    monkeypatch.setattr(photon_pilot, "_fly", noted)
     small = replace(scene, camera=replace(scene.camera, width=64, height=64))
     found = choose_settings(
         flatten(small),
