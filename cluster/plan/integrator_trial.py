@@ -12,6 +12,7 @@ How many photons there are is weighed in the same way (map_worth): beside few sa
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass, replace
@@ -247,14 +248,14 @@ def _with_photons_of_worth(
         counts = [asked[number] // share for number, share in zip(maps, shares, strict=True)]
         return replace(photons, photons=counts[0], caustic_photons=counts[1])
 
+    @functools.cache  # each part of a map's photons is tried beside all parts of the other's
+    def wrong(number: int, share: int) -> float:
+        own = errors[number].of(plans.expected[number] / share, spp, gathered=gathered[number])
+        return own if gathered[number] else PATCHES * own
+
     def worth(shares: tuple[int, ...]) -> float:
         price = Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
-        wrong = sum(
-            error.of(plans.expected[number] / shares[number], spp, gathered=gathered[number])
-            * (1.0 if gathered[number] else PATCHES)
-            for number, error in errors.items()
-        )
-        return (of_others + wrong) * price
+        return (of_others + sum(wrong(number, shares[number]) for number in errors)) * price
 
     def is_seen(shares: tuple[int, ...]) -> bool:
         fewer = {n: plans.expected[n] / share for n, share in zip(maps, shares, strict=True) if share > 1}
