@@ -79,7 +79,7 @@ GUARDS = (
         name="a normal that is missing is not interpolated",
         file="scenes/flat/flatten.py",
         prevents="shading normals that shrink towards a corner",
-        changes=(("        block[~np.any(block != 0, axis=2).all(axis=1)] = 0.0\n", "        pass\n"),),
+        changes=(("        block[~(of_corner[:, 0] & of_corner[:, 1] & of_corner[:, 2])] = 0.0\n", "        pass\n"),),
         tests=(FILES + "test_obj_corner_without_normal_makes_its_triangle_flat",),
     ),
     Guard(
