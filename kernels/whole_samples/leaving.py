@@ -37,8 +37,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 WHOLE_SCENE = wp.constant(-1)
 """In place of a cell's number: the cell is the scene, and nothing leaves it."""
 
-PARTS_A_VERTEX = 4
-"""That a vertex may bring home, besides those of its shadow rays: emission, indirect light, caustics, reach."""
+PARTS_A_VERTEX = 5
+"""That a vertex may bring home, besides those of its shadow rays: emission, indirect light, caustics, reach, and what
+shines from beyond the scene where its path ends there."""
 
 _PARTS_A_VERTEX = wp.constant(PARTS_A_VERTEX)
 
