@@ -123,8 +123,10 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
     for first in range(0, len(triangles), _AT_ONCE):
         rows = slice(first, first + _AT_ONCE)
         seen = [shared(column[rows], wp.vec3, "cpu") for column in (triangles.positions, triangles.normals)]
-        found = [shared(front[rows], wp.vec3, "cpu"), shared(smooth[rows], wp.int32, "cpu")]
-        wp.launch(find_fronts, len(front[rows]), inputs=seen, outputs=found, device="cpu")
+        count = len(front[rows])
+        found = [wp.empty(count, dtype=dtype, device="cpu") for dtype in (wp.vec3, wp.int32)]
+        wp.launch(find_fronts, count, inputs=seen, outputs=found, device="cpu")
+        front[rows], smooth[rows] = (array.numpy() for array in found)
         let_go(triangles.positions[rows], triangles.normals[rows])
     return front, smooth
 
