@@ -13,11 +13,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.bench.gpu.names import plain_name
+from wdpm.cluster.work.whole.launches import TraceLaunches
 from wdpm.kernels import columns
 from wdpm.kernels.host_arrays import HostArray
 from wdpm.kernels.launch import Launcher, arguments_of
 from wdpm.kernels.photons.deposits import Deposits
-from wdpm.kernels.variants import CAN_DO_WITHOUT
 
 Launches = Sequence[tuple[int, Sequence[Any]]]
 
@@ -77,22 +77,19 @@ class LaunchComparison:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Repeat all launches of `Launcher` on the CPU meanwhile, but those of kernels for the CPU alone.
+        """Repeat all launches of `Launcher` on the CPU meanwhile.
 
-        One thread of the program at a time.
+        One thread of the program at a time. What a kernel of the CPU alone would do is done by those that devices have.
         """
         run = Launcher.run
 
         def run_twice(launcher: Launcher, kernel: wp.Kernel, launches: Launches) -> None:
-            if plain_name(kernel.key) in CAN_DO_WITHOUT:
-                run(launcher, kernel, launches)
-                return
             repeat = Repeat(self.device, launches)  # the input is copied before a kernel refines it in place
             run(launcher, kernel, launches)
             repeat.run(kernel)
             self._compare(kernel, repeat)
 
-        with mock.patch.object(Launcher, "run", run_twice):
+        with mock.patch.object(Launcher, "run", run_twice), mock.patch.object(TraceLaunches, "can_be", False):
             yield
 
     def _compare(self, kernel: wp.Kernel, repeat: Repeat) -> None:
