@@ -15,10 +15,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.primitives import sphere_of
-from wdpm.scenes.model.bounds import bounding_box
+from wdpm.scenes.model.bounds import boxes_around
 from wdpm.scenes.model.scene import Mesh, Solid
 from wdpm.scenes.model.transforms import Matrix, apply_to_points
 
@@ -63,12 +62,11 @@ def with_finer_spheres(meshes: Sequence[Solid], spheres: Sequence[RoundShape], a
     known = {id(sphere.vertices): sphere for sphere in spheres}
     if not known:
         return list(meshes)
-    try:
-        boxes = [bounding_box([mesh]) for mesh in meshes]
-    except SceneError:  # of a mesh without triangles; what is to be said of it, others say
+    boxes = {at: box for at, box in enumerate(boxes_around(meshes)) if box is not None}
+    sizes = {at: float(np.linalg.norm(high - low)) for at, (low, high) in boxes.items()}
+    order = sorted(boxes, key=lambda at: -sizes[at])
+    if not order:
         return list(meshes)
-    sizes = [float(np.linalg.norm(high - low)) for low, high in boxes]
-    order = sorted(range(len(meshes)), key=lambda at: -sizes[at])
     lows = np.minimum.accumulate([boxes[at][0] for at in reversed(order)])[::-1]
     highs = np.maximum.accumulate([boxes[at][1] for at in reversed(order)])[::-1]
     large = 0

@@ -42,6 +42,29 @@ def bounding_box(meshes: Sequence[Solid]) -> tuple[Box, Box]:
     return low, high
 
 
+def boxes_around(meshes: Sequence[Solid]) -> list[tuple[Box, Box] | None]:
+    """A box around each mesh, as bounding_box says; None of one without triangles.
+
+    That of an instance holds it, and may be larger: there may be very many of a shape, which is looked at once.
+    """
+    own: dict[int, tuple[Box, Box] | None] = {}
+
+    def box_of(mesh: Mesh) -> tuple[Box, Box] | None:
+        used = _used_vertices(mesh)
+        return (used.min(axis=0), used.max(axis=0)) if len(used) else None
+
+    found: list[tuple[Box, Box] | None] = []
+    for mesh in meshes:
+        if not isinstance(mesh, Instance):
+            found.append(box_of(mesh))
+            continue
+        if id(mesh.shape) not in own:
+            own[id(mesh.shape)] = box_of(mesh.shape)
+        box = own[id(mesh.shape)]
+        found.append(None if box is None else _outer_box(mesh.to_world, *box))
+    return found
+
+
 def _lowest(low: Box, instances: list[tuple[Box, float, Instance]], shapes: dict[int, Box]) -> Box:
     """The lowest coordinates of instances, or `low`: only those are looked at in full whose boxes reach that far.
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import wdpm
-from wdpm.scenes.meshes.primitives import AROUND
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.meshes.large_spheres import RoundShape, with_finer_spheres
+from wdpm.scenes.meshes.primitives import AROUND, sphere
+from wdpm.scenes.model import bounds
+from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.transforms import scaling
 
 BALL = '<shape type="sphere"><point name="center" value="{}"/><float name="radius" value="0.2"/></shape>'
 GROUND = '<shape type="sphere"><point name="center" value="{}"/><float name="radius" value="1000"/>{}</shape>'
@@ -78,6 +82,34 @@ def test_several_large_spheres_are_the_walls_of_a_room(tmp_path: Path) -> None:
 )
 def test_all_other_spheres_are_even(shapes: str, tmp_path: Path) -> None:
     assert {len(mesh.faces) for mesh in scene_of(shapes, tmp_path).meshes} == {EVEN}
+
+
+def test_a_shape_that_stands_in_many_places_is_looked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    group = '<shape type="shapegroup" id="one"><shape type="cube"/></shape>'
+    place = '<shape type="instance"><ref id="one"/><transform name="to_world"><translate {}="{}"/></transform></shape>'
+    looked_at, used = [], bounds._used_vertices
+    monkeypatch.setattr(bounds, "_used_vertices", lambda mesh: (looked_at.append(mesh.name), used(mesh))[1])
+    ground = GROUND.format("0, -1001, 0", "")
+    camera = '<sensor type="perspective"/>'
+    few, many = (
+        scene_of(camera + ground + group + "".join(place.format("x", at) for at in range(count)), tmp_path)
+        for count in (2, 40)
+    )
+    assert [len(scene.meshes) for scene in (few, many)] == [3, 41]
+    assert all(len(scene.meshes[0].faces) > EVEN for scene in (few, many))
+    assert len(looked_at) == 2 * 2, "the ground and the cube, once a scene"
+
+
+def test_what_has_no_triangles_is_beside_nothing() -> None:
+    unit = sphere()
+    ground = Mesh("ground", 1000.0 * unit.vertices, unit.faces, None, None, 0)
+    ball = replace(ground, name="ball", vertices=0.2 * unit.vertices + [0.0, 0.0, 1000.2])
+    none = replace(ball, name="none", faces=np.zeros((0, 3), np.int64))
+    round_shape = RoundShape(ground.vertices, scaling([1000.0] * 3), lambda mesh: mesh)
+    for meshes, finer in ([(ground, none, ball), True], [(ground, none), False], [(none,), False]):
+        found = with_finer_spheres(meshes, [round_shape], AROUND)
+        assert [each.name for each in found] == [each.name for each in meshes]
+        assert (len(found[0].faces) > EVEN) == finer
 
 
 def test_a_turned_and_mirrored_one_faces_as_it_did(tmp_path: Path) -> None:
