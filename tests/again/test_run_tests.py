@@ -20,7 +20,7 @@ SUITE = """
 import numpy as np
 import pytest
 from failures import DifferentBits
-from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.errors import ClusterError, ProtocolError
 
 @pytest.mark.processes
 def test_late(): assert False, "it did not happen within 240 s"
@@ -32,6 +32,14 @@ def test_lost(): assert False, "no slave has joined"
 def test_nothing_to_compare():
     def digest(): raise ClusterError("no slave has joined")
     assert digest() == "a"
+
+@pytest.mark.sockets
+def test_results(): raise ProtocolError("two results of task 3 differ")
+
+@pytest.mark.processes
+def test_output():
+    code, said = 1, "wdpm: error: slave anna: two results of task 3 differ"
+    assert code == 0, said
 
 @pytest.mark.sockets
 def test_bits(): raise DifferentBits("beauty")
@@ -75,6 +83,8 @@ def test_a_run_takes_down_what_failed_and_why(tmp_path: Path) -> None:
         "late": True,
         "lost": True,
         "nothing_to_compare": True,
+        "results": False,
+        "output": False,
         "bits": False,
         "digests": False,
         "arrays": False,
