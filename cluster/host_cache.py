@@ -106,12 +106,12 @@ class HostCache:
 
         Args:
             arrays: gives them; called if anybody could map them.
-            surely: also if nothing tells that others could map them.
+            surely: also if nothing tells that others could map them, or what this worker makes lies elsewhere.
 
         Returns:
             what keeps them there; None if they are not.
         """
-        if self._share is None or not self._in_main_memory or not (self.found_some or surely):
+        if self._share is None or not (surely or (self._in_main_memory and self.found_some)):
             return None
         with self._share.claim(f"{self._scene} {name}") as claim:
             return None if claim is None else claim.publish(packed.pack(name, [dict(arrays())]))

@@ -198,6 +198,16 @@ def test_who_computes_on_a_device_takes_part_in_nothing_but_the_rules(tmp_path: 
     assert first[0]["x"].tolist() == [1.0] * 3
 
 
+@if_shared
+def test_who_computes_on_a_device_and_has_nothing_to_lend_says_so_too(tmp_path: Path) -> None:
+    device = HostCache(HostShare(tmp_path), "scene", in_main_memory=False)
+    device.found_some = True
+    assert device.lend("photons", lambda: {"x": np.ones(3)}) is None
+    kept = device.lend("photons", dict, surely=True)
+    assert HostCache(HostShare(tmp_path), "scene").borrow("photons") == {}
+    assert kept is not None
+
+
 def table(value: float) -> CacheEntry:
     return CacheEntry("table", (dict,), lambda: [{"x": np.full(3, value)}])
 
