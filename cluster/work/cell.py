@@ -136,6 +136,10 @@ class Cell:
             collides = view is not None and view.diffuse_light is DiffuseLight.PATHS
             if batch.kind is Kind.VERTEX and not landed.all() and not collides:
                 raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
+        # What first vertices show is written down where camera rays are lit; in a medium they are collisions.
+        first = batch.kind is Kind.VERTEX and not self.replica.world.features.media
+        if first and len(batch) and batch.arrays["bounce"].min() < 1:
+            raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have left no vertex")
         if needs and not self.triangle_count:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from one_cell import FEW, one, ready
 
 from wdpm.cluster.batch import Kind
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.photons.flight import BOUNCE_LIMIT
 from wdpm.scenes import cornell_box
+from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.model.bsdfs import Conductor, TwoSided
 from wdpm.scenes.model.scene import Material, Scene
 
@@ -36,6 +39,16 @@ def test_a_camera_path_has_no_vertex_beyond_the_limit() -> None:
         waiting += [new for new in worker.cells[0].advance(batch) if new.kind in worker.cells[0]._actions]
     assert max(bounces) in (CHAIN_LIMIT - 2, CHAIN_LIMIT - 1)  # roulette may end it before
     assert len(bounces) < 20
+
+
+@pytest.mark.parametrize("bounce", [0, 1])
+def test_a_path_comes_from_a_vertex_where_it_cannot_collide(bounce: int) -> None:
+    """What first vertices show is written where there is no room for it but in launches of camera rays."""
+    worker = ready(of_mirrors(), replace(FEW, all_effects=False))
+    batch = one(Kind.VERTEX, prim=0, u=0.3, v=0.3, t=1.3, direction=(0, -1, 0), medium=-1, bounce=bounce)
+    refused = pytest.raises(ProtocolError, match="that have left no vertex")
+    with refused if bounce < 1 else nullcontext():
+        assert list(worker.cells[0].advance(batch))
 
 
 def test_a_photon_path_has_no_bounce_beyond_the_limit() -> None:
