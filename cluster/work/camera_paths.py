@@ -79,6 +79,10 @@ class CameraPaths:
         self.final_gather.begin_view()
         self._launches.begin_view(self._scene)
 
+    def forget_photons(self) -> None:
+        """Let go of what is made of photons."""
+        self._launches.forget_photons()
+
     def trace_rays_whole(self, rays: RecordRays) -> RaysTracedWhole | None:
         """As WholeSamples.trace_rays, for rays as they set out."""
         self._visit(rays.paths, len(rays.distance), fresh=False)

@@ -197,6 +197,7 @@ class Cell:
     def forget_photons(self) -> None:
         """Let go of all photons and what was counted about them."""
         self.store.forget()
+        self._camera_paths.forget_photons()
         self.energy[:] = 0
 
     def update_materials(self) -> None:

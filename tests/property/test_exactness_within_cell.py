@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import effect_scenes
@@ -12,6 +14,8 @@ from digests import alone, same_bits
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.work.whole import within_cell
 from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
+from wdpm.cluster.work.worker import CellWorker
+from wdpm.cluster.world import PhotonPlan
 from wdpm.images.image import Image
 from wdpm.kernels.whole_samples.indirect_light import PATHS_LEFT
 from wdpm.rendering.in_process import render_in_process
@@ -115,3 +119,25 @@ def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyP
     assert None in launched
     assert image.metadata["report"]["nonfinite"] == expected.metadata["report"]["nonfinite"] != {}
     assert same_bits(image, expected)
+
+
+def test_maps_of_a_pass_are_let_go_before_those_of_the_next_are_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    gone: list[weakref.ref[object]] = []
+    forget = CellWorker.forget_photons
+
+    def forget_and_look(self: CellWorker, plan: PhotonPlan | None = None) -> None:
+        gone.extend(weakref.ref(built) for cell in self.cells.values() for built in cell.store.maps if built)
+        forget(self, plan)
+
+    def build_and_look(self: CellWorker, *parts: int) -> object:
+        gc.collect()
+        assert all(built() is None for built in gone)
+        return build(self, *parts)
+
+    build = CellWorker.build_maps
+    monkeypatch.setattr(CellWorker, "forget_photons", forget_and_look)
+    monkeypatch.setattr(CellWorker, "build_maps", build_and_look)
+    launched = remembered(monkeypatch)
+    divided(SCENES["coats"], replace(MAP, passes=2))
+    assert gone
+    assert launched

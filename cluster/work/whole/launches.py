@@ -60,6 +60,10 @@ class TraceLaunches:
         self._scene, self._known = scene, ([], None)
         self._scratch.clear()
 
+    def forget_photons(self) -> None:
+        """Let go of maps, which nobody is to ask any more: others may be built before the next view."""
+        self._known = ([], None)
+
     @property
     def can_be(self) -> bool:
         """Whether the kernel is there, and nobody looks on."""
