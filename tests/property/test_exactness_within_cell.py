@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import random
 import weakref
 from dataclasses import replace
 
@@ -10,8 +11,14 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes_with_effects
+from test_exactness_random import give_planes_through_places
+from test_exactness_whole_samples import choose_kernels_that_follow_samples, without_media
 
-from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
+from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole import within_cell
 from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
 from wdpm.cluster.work.worker import CellWorker
@@ -103,6 +110,41 @@ def test_threads_cells_and_room_change_no_bit(name: str, way: RenderSettings, mo
     launched = remembered(monkeypatch)
     assert same_bits(divided(SCENES[name], way, cells=8, workers=3), expected)
     assert sum(int(one.counts[PATHS_LEFT]) for one in launched if one is not None) > 0
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(
+    scene=scenes_with_effects(),
+    chosen=st.builds(
+        lambda way, **changes: replace(way, all_effects=True, **changes),
+        way=st.sampled_from([PATH, MAP, GATHER, CACHE]),
+        seed=st.integers(0, 2**32 - 1),
+        max_depth=st.sampled_from([None, None, 2, 4]),
+        light_samples=st.sampled_from([1, 4]),
+        passes=st.sampled_from([1, 2]),
+        bucket=st.sampled_from([5, 32]),  # several have rows in one batch
+        routing=st.sampled_from(list(Routing)),
+    ),
+    cells=st.sampled_from([2, 4, 8]),
+    team=st.sampled_from([1, None]),
+    room=st.sampled_from([1, 2]),
+    data=st.data(),
+)
+def test_random_scenes_of_all_effects_but_media(
+    scene: Scene, chosen: RenderSettings, cells: int, team: int | None, room: int, data: st.DataObject
+) -> None:
+    """By kernels for all effects, but for the one that follows paths, which is for all of those that it knows."""
+    scene = without_media(scene)
+    expected = alone(scene, chosen)  # sample by sample in no launch: with media there is no kernel for it
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Replica, "_choose_kernels", choose_kernels_that_follow_samples)
+        patch.setattr(within_cell, "GRAIN", 8)
+        patch.setattr(within_cell, "ROOM_VERTICES", room)
+        if data.draw(st.booleans(), label="planes through what is there"):
+            give_planes_through_places(patch, scene, cells, data)
+        shuffle = random.Random(chosen.seed)
+        image = render_in_process(scene, chosen, workers=2, cells=cells, team=team, threads=2, shuffle=shuffle)
+    assert same_bits(image, expected)
 
 
 def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
