@@ -22,6 +22,8 @@ from wdpm.scenes.model.bounds import boxes_around
 from wdpm.scenes.model.scene import Mesh, Solid
 from wdpm.scenes.model.transforms import Matrix, apply_to_points
 
+Point = NDArray[np.float64]
+
 LARGE = 4.0
 """Radius of a large sphere over the reach of all that is not: then even triangles are off by 0.1 % of that reach."""
 
@@ -61,51 +63,62 @@ def with_finer_spheres(meshes: Sequence[Solid], spheres: Sequence[RoundShape], a
         around: segments of a sphere, which are as many where nothing else is.
     """
     known = {id(sphere.vertices): sphere for sphere in spheres}
-    if not known:
-        return list(meshes)
-    boxes = {at: box for at, box in enumerate(boxes_around(meshes)) if box is not None}
-    sizes = {at: float(np.linalg.norm(high - low)) for at, (low, high) in boxes.items()}
-    order = sorted(boxes, key=lambda at: -sizes[at])
-    if not order:
-        return list(meshes)
-    lows = np.minimum.accumulate([boxes[at][0] for at in reversed(order)])[::-1]
-    highs = np.maximum.accumulate([boxes[at][1] for at in reversed(order)])[::-1]
-    large = 0
-    for rank, at in enumerate(order[: min(MOST_LARGE, len(order) - 1)]):
-        sphere = _sphere_of(meshes[at], known)
-        if sphere is None:
-            break
-        if _looked_at(sphere, lows[rank + 1], highs[rank + 1])[1] * LARGE < 1.0:
-            large = rank + 1
     found = list(meshes)
-    for at in order[:large]:
+    if not known:
+        return found
+    large, rest = _large_among(meshes, known)
+    for at, sphere in large:
         mesh = meshes[at]
-        sphere = _sphere_of(mesh, known)
         assert isinstance(mesh, Mesh)
-        assert sphere is not None
-        place, reach = _looked_at(sphere, lows[large], highs[large])
+        place, reach = _looked_at(sphere, rest)
         if abs(float(np.linalg.norm(place)) - 1.0) < NEAR * reach:
             finer = sphere.placed(_finer(place, reach, around))
             found[at] = replace(mesh, vertices=finer.vertices, faces=finer.faces, normals=finer.normals, uvs=finer.uvs)
     return found
 
 
+def _large_among(
+    meshes: Sequence[Solid], known: dict[int, RoundShape]
+) -> tuple[list[tuple[int, RoundShape]], tuple[Point, Point]]:
+    """Spheres that are large beside all that is smaller, with their places among the meshes; and a box around the rest.
+
+    As many as can be: a sphere may be large beside balls and another large sphere, or beside balls alone.
+    """
+    boxes = {at: box for at, box in enumerate(boxes_around(meshes)) if box is not None}
+    order = sorted(boxes, key=lambda at: -float(np.linalg.norm(boxes[at][1] - boxes[at][0])))
+    nothing: tuple[Point, Point] = (np.zeros(3), np.zeros(3))
+    if not order:
+        return [], nothing
+    # of each and all that are smaller
+    lows = np.minimum.accumulate([boxes[at][0] for at in reversed(order)])[::-1]
+    highs = np.maximum.accumulate([boxes[at][1] for at in reversed(order)])[::-1]
+    large: list[tuple[int, RoundShape]] = []
+    several, rest = 0, nothing
+    for rank, at in enumerate(order[: min(MOST_LARGE, len(order) - 1)], start=1):
+        sphere = _sphere_of(meshes[at], known)
+        if sphere is None:
+            break
+        large.append((at, sphere))
+        smaller = (lows[rank], highs[rank])
+        if _looked_at(sphere, smaller)[1] * LARGE < 1.0:
+            several, rest = rank, smaller
+    return large[:several], rest
+
+
 def _sphere_of(mesh: Solid, known: dict[int, RoundShape]) -> RoundShape | None:
     return known.get(id(mesh.vertices)) if isinstance(mesh, Mesh) and mesh.colors is None else None
 
 
-def _looked_at(
-    sphere: RoundShape, low: NDArray[np.float64], high: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
+def _looked_at(sphere: RoundShape, box: tuple[Point, Point]) -> tuple[Point, float]:
     """The middle of a box and how far it reaches from there, in the space of the unit sphere."""
-    corners = np.array(list(product(*zip(low, high, strict=True))))
+    corners = np.array(list(product(*zip(*box, strict=True))))
     to_unit: Matrix = np.linalg.inv(sphere.to_world).astype(np.float64)
     corners = apply_to_points(to_unit, corners)
     middle = corners.mean(axis=0)
     return middle, float(np.linalg.norm(corners - middle, axis=1).max())
 
 
-def _finer(place: NDArray[np.float64], reach: float, around: int) -> MeshData:
+def _finer(place: Point, reach: float, around: int) -> MeshData:
     """The unit sphere with fine triangles below a place."""
     theta = math.acos(np.clip(place[2] / np.linalg.norm(place), -1.0, 1.0))
     phi = math.atan2(place[1], place[0])
