@@ -208,17 +208,27 @@ def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.Monk
     assert image.digest() == expected.digest()
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
-@given(
-    scene=scenes_with_effects(),
-    chosen=st.builds(
+def settings_of_all_ways(**more: st.SearchStrategy[object]) -> st.SearchStrategy[RenderSettings]:
+    """Settings for scenes with any effects.
+
+    Args:
+        more: what else is chosen, by name.
+    """
+    return st.builds(
         lambda way, **changes: replace(way, all_effects=True, **changes),
         way=st.sampled_from([PATH, MAP, GATHER, CACHE]),
         seed=st.integers(0, 2**32 - 1),
         max_depth=st.sampled_from([None, None, 1, 2, 4]),
         light_samples=st.sampled_from([1, 4]),
         passes=st.sampled_from([1, 2]),
-    ),
+        **more,
+    )
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(
+    scene=scenes_with_effects(),
+    chosen=settings_of_all_ways(),
     wave=st.sampled_from([7, 50, 1 << 16]),
     bright=st.booleans(),
 )

@@ -7,7 +7,6 @@ import random
 import weakref
 from dataclasses import replace
 
-import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
@@ -15,9 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
 from test_exactness_random import give_planes_through_places
-from test_exactness_whole_samples import choose_kernels_that_follow_samples, without_media
+from test_exactness_whole_samples import (
+    CACHE,
+    GATHER,
+    MAP,
+    PATH,
+    choose_kernels_that_follow_samples,
+    settings_of_all_ways,
+    without_media,
+)
+from test_exactness_whole_samples import SCENES as WITH_KERNELS
 
-from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole import within_cell
 from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
@@ -26,25 +34,13 @@ from wdpm.cluster.world import PhotonPlan
 from wdpm.images.image import Image
 from wdpm.kernels.whole_samples.indirect_light import PATHS_LEFT
 from wdpm.rendering.in_process import render_in_process
-from wdpm.scenes import cornell_box
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse
 
 pytestmark = pytest.mark.own_kernels
 
-PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
-PHOTONS = replace(PATH, integrator=Integrator.PHOTONS, photons=1500, k=15, caustic_photons=700, caustic_k=12)
-MAP, GATHER, CACHE = (
-    replace(PHOTONS, indirect=indirect) for indirect in (Indirect.MAP, Indirect.GATHER, Indirect.CACHE)
-)
-
-# Few, as each has kernels of its own compiled: those of test_exactness_whole_samples.
-SCENES = {
-    "diffuse": cornell_box((16, 12)),
-    "metals": effect_scenes.metals(),
-    "coats": effect_scenes.coats(),
-    "panes": effect_scenes.panes(),
-}
+# Few, as each has kernels of its own compiled.
+SCENES = {name: WITH_KERNELS[name] for name in ("diffuse", "metals", "coats", "panes")}
 
 
 def divided(scene: Scene, chosen: RenderSettings, cells: int = 4, workers: int = 2, threads: int = 1) -> Image:
@@ -115,13 +111,7 @@ def test_threads_cells_and_room_change_no_bit(name: str, way: RenderSettings, mo
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     scene=scenes_with_effects(),
-    chosen=st.builds(
-        lambda way, **changes: replace(way, all_effects=True, **changes),
-        way=st.sampled_from([PATH, MAP, GATHER, CACHE]),
-        seed=st.integers(0, 2**32 - 1),
-        max_depth=st.sampled_from([None, None, 2, 4]),
-        light_samples=st.sampled_from([1, 4]),
-        passes=st.sampled_from([1, 2]),
+    chosen=settings_of_all_ways(
         bucket=st.sampled_from([5, 32]),  # several have rows in one batch
         routing=st.sampled_from(list(Routing)),
     ),
