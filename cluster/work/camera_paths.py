@@ -21,9 +21,10 @@ from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.shadows import Shadows
+from wdpm.cluster.work.whole.brought import brought
 from wdpm.cluster.work.whole.launches import Counts, TraceLaunches
 from wdpm.cluster.work.whole.samples import RaysTracedWhole, RecordRays, WholeSamples, add_counts
-from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
+from wdpm.cluster.work.whole.within_cell import WithinCell
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
@@ -97,6 +98,12 @@ class CameraPaths:
 
     def visit_camera(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays; forward those that may find a nearer hit elsewhere."""
+        if self.within.can_be:
+            fresh = columns.upload(Rays, batch.arrays, self._replica.launcher.device, written=())
+            follows = self._followed(batch, fresh, first=True, visits=True)
+            if follows is not None:
+                yield from follows
+                return
         rays, onward = self._intersect(batch.arrays)
         unit = parts.credit_of_camera_ray(self._view.light_samples)
         for cell, rows in by_destination(onward, onward >= 0):
@@ -159,7 +166,7 @@ class CameraPaths:
         kernels, device = self._replica.kernels, self._replica.launcher.device
         rays = columns.upload(Rays, batch.arrays, device, written=())
         if self.within.can_be:
-            follows = self._followed(batch, start_paths(self._replica, rays, len(batch)), first=True)
+            follows = self._followed(batch, rays, first=True)
             if follows is not None:
                 yield from follows
                 return
@@ -294,44 +301,21 @@ class CameraPaths:
         yield replace(lit, runs=lit.runs.with_credit(rest_of(batch.runs, follows)))
         yield from follows
 
-    def _followed(self, batch: Batch, paths: Any, *, first: bool) -> Iterator[Batch] | None:
-        """What follows from final hits in this cell, of paths that are followed as far as it reaches.
+    def _followed(self, batch: Batch, paths: Any, *, first: bool, visits: bool = False) -> Iterator[Batch] | None:
+        """What follows from paths that are followed as far as this cell reaches.
 
         Args:
-            paths: of the batch (kernels.camera.paths.Paths).
-            first: whether these are camera rays.
+            paths, first, visits: of the batch, as WithinCell.follow takes them.
 
         Returns:
             None where guards are to count what happens: it is then to be found vertex by vertex.
         """
-        followed = self.within.follow(paths, len(batch), first=first)
+        followed = self.within.follow(paths, len(batch), first=first, visits=visits)
         if followed is None:
             return None
         self.count_whole(followed.counts)
-        return self._bring(batch, followed, first=first)
-
-    def _bring(self, batch: Batch, followed: FollowedPaths, *, first: bool) -> Iterator[Batch]:
-        """See _followed."""
-        shots, paths, lit = followed.shots, followed.paths, followed.parts
-        follows = list(self.shadows.send_on(batch.runs, shots))
-        for kind, destination, chosen in (
-            (Kind.PATH, paths["onward"], paths["onward"] >= 0),
-            (Kind.VERTEX, paths["owner"], paths["onward"] < 0),
-        ):
-            for cell, rows in by_destination(destination, chosen):
-                mine = batch.runs.among(paths["whose"].take(rows))
-                sent = take({name: paths[name] for name in SCHEMAS[kind]}, rows)
-                follows.append(Batch(kind, cell, self._with_credit(mine, sent["bounce"]), sent))
-        runs = batch.runs.among(lit["whose"])
-        arrived = {name: lit[name] for name in SCHEMAS[Kind.LIT]}
-        if first:  # a part of each camera ray's credit comes with its light
-            follows.append(Batch(Kind.LIT, self._cell, runs.with_credit(batch.runs.rows), arrived))
-            cell_of = np.full(len(batch), self._cell, np.int32)
-            samples = {"slot": batch.arrays["slot"], **followed.first, "cell": cell_of}
-            yield Batch(Kind.SAMPLES, self._cell, batch.runs.with_credit(rest_of(batch.runs, follows)), samples)
-        else:
-            yield Batch(Kind.LIT, self._cell, runs.with_credit(rest_of(batch.runs, follows)), arrived)
-        yield from follows
+        slots = batch.arrays["slot"] if first else None
+        return brought(self._cell, batch.runs, followed, self.shadows, self._view.light_samples, slots)
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
         """What the diffuse part of each vertex does, in views that leave a choice."""

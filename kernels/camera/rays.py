@@ -80,6 +80,25 @@ def make_first_vertex(features: Features) -> wp.Function:
 
 
 @functools.cache
+def make_first_path(features: Features) -> wp.Function:
+    """The function `first_path` for a set of features: (camera, pixel, number) -> Vertex."""
+    camera_ray = make_camera(features)
+
+    @wp.func
+    def first_path(camera: wp.ref[CameraView], pixel: wp.int32, number: wp.int32) -> Vertex:
+        """The path of a sample as it leaves the camera."""
+        p = Vertex()
+        p.pixel = pixel
+        p.sample = number
+        ray = camera_ray(camera, pixel, number)
+        p.t = ray.t_max
+        p.prim = -1
+        return begin_path(camera, ray, p)
+
+    return first_path
+
+
+@functools.cache
 def make_camera_rays(features: Features) -> CameraRays:
     """The kernels for a set of features."""
     camera_ray = make_camera(features)

@@ -86,12 +86,15 @@ class Within:
         whose: number of the path.
         later: paths of the launch that come after it, for whose first vertices room in the lists is kept.
         first_ray: number of a record's first gather ray: samples of pixels have smaller ones.
+        visits: 1 where its first ray is on its way through the cell, with the best hit of those before; 0 where what
+            that meets is known, or nobody has looked.
     """
 
     cell: wp.int32
     whose: wp.int32
     later: wp.int32
     first_ray: wp.int32
+    visits: wp.int32
 
 
 @wp.struct
@@ -133,31 +136,34 @@ def hit_of(p: Vertex) -> Hit:
 
 @functools.cache
 def make_look_along(features: Features) -> wp.Function:
-    """The function `look_along` for a set of features: (scene, trees, p, cell) -> Look."""
+    """The function `look_along` for a set of features: (scene, trees, p, cell, visits) -> Look."""
     closest_hit = closest_function(features.instances)
     owner_of = make_owner_of(features.instances)
 
     @wp.func
-    def look_along(scene: wp.ref[Scene], trees: wp.ref[Trees], p: Vertex, cell: wp.int32) -> Look:
-        """What a path's ray meets, as visit_paths finds it for one that has been nowhere yet.
+    def look_along(scene: wp.ref[Scene], trees: wp.ref[Trees], p: Vertex, cell: wp.int32, visits: wp.int32) -> Look:
+        """What a path's ray meets, as visit_paths finds it.
 
         Args:
             p: with (prim >= 0) what its ray meets in the cell, or as it sets out.
+            visits: 1 where it comes from other cells, or from its home, with (prim >= 0) its best hit so far. Else 0.
         """
         look = Look()
         look.hit = hit_of(p)
         look.owner = cell
         look.onward = -1
-        if p.prim < 0:
+        if visits == 1 and p.prim >= 0:
+            look.owner = p.owner
+        if p.prim < 0 or visits == 1:
             first = cell
-            if cell != WHOLE_SCENE:
+            if cell != WHOLE_SCENE and visits == 0:
                 first = next_cell(scene.cells, p.origin, p.direction, p.t, -1)
             look.onward = first
             if first == cell:
                 look.hit = closest_hit(trees, p.origin, p.direction, look.hit)
                 if cell != WHOLE_SCENE:
                     look.onward = next_cell(scene.cells, p.origin, p.direction, look.hit.t, cell)
-                    if look.hit.prim >= 0:
+                    if look.hit.prim != p.prim:
                         look.owner = owner_of(scene.cells, scene.surfaces, look.hit)
         return look
 

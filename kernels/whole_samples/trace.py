@@ -20,10 +20,10 @@ import functools
 import warp as wp
 
 from wdpm.kernels.camera.add_samples import Sums
-from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
+from wdpm.kernels.camera.camera import whole_pixel
 from wdpm.kernels.camera.misses import make_escaped
 from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
-from wdpm.kernels.camera.rays import begin_path
+from wdpm.kernels.camera.rays import Rays, make_first_path, make_first_vertex
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.shading import make_shade
 from wdpm.kernels.camera.shadow_rays import SEGMENT_END, Passage, make_pass_through
@@ -283,7 +283,7 @@ def make_trace(features: Features) -> wp.Function:
         """One path: to its end, or to where it leaves the cell. What it comes to within one of several is written down.
 
         Args:
-            p: as its first ray sets out, or (prim >= 0) with what that met.
+            p: as its first ray sets out or comes by (within.visits), or (prim >= 0) with what that met.
             orders: of first vertices.
             scratch: of one vertex, for all of the path, one after another.
             keys, ints: scratch of gathers.
@@ -292,11 +292,13 @@ def make_trace(features: Features) -> wp.Function:
         sample.depth = -1.0
         sample.reach = _INF
         begins = p.bounce
+        visits = within.visits
         p.row = 0
         goes_on = wp.int32(1)
         while goes_on == 1:
             goes_on = 0
-            look = look_along(scene, trees, p, within.cell)
+            look = look_along(scene, trees, p, within.cell, visits)
+            visits = 0
             now = orders_at(orders, p.bounce)
             stays = look.onward < 0
             if within.cell != WHOLE_SCENE:
@@ -348,25 +350,6 @@ def make_trace(features: Features) -> wp.Function:
     return trace
 
 
-@functools.cache
-def make_first_path(features: Features) -> wp.Function:
-    """The function `first_path` for a set of features: (camera, pixel, number) -> Vertex."""
-    camera_ray = make_camera(features)
-
-    @wp.func
-    def first_path(camera: wp.ref[CameraView], pixel: wp.int32, number: wp.int32) -> Vertex:
-        """The path of a sample as it leaves the camera."""
-        p = Vertex()
-        p.pixel = pixel
-        p.sample = number
-        ray = camera_ray(camera, pixel, number)
-        p.t = ray.t_max
-        p.prim = -1
-        return begin_path(camera, ray, p)
-
-    return first_path
-
-
 @wp.func
 def arrived_ray(
     scene: wp.ref[Scene], sites: wp.ref[Sites], rays: wp.ref[ArrivedRays], i: wp.int32, first_sample: wp.int32
@@ -387,6 +370,7 @@ def arrived_ray(
 def make_trace_samples(features: Features) -> wp.Kernel:
     """The kernel `trace_samples` for a set of features without media."""
     first_path = make_first_path(features)
+    first_vertex = make_first_vertex(features)
     trace = make_trace(features)
 
     @made_for(features)
@@ -398,7 +382,9 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         sites: Sites,
         rays: ArrivedRays,
         paths: Paths,
+        camera_rays: Rays,
         cell: wp.int32,
+        visits: wp.int32,
         start: wp.int32,
         samples: wp.int32,
         orders: Orders,
@@ -416,14 +402,15 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
 
         Or find what comes along gather rays of records: where there are any, they are its items in place of pixels.
-        Or follow paths within one of several cells, which then are its items.
+        Or follow paths or camera rays within one of several cells, which then are its items.
 
         It is launched for one item, which is pixels `first` to `end`: one sample is traced after another.
 
         Args:
             sites: of the records.
-            paths: with final hits in the cell.
+            paths, camera_rays: with final hits in the cell, or on their way through it.
             cell: its number; WHOLE_SCENE where it is the only one.
+            visits: 1 where they are on their way. Else 0.
             start: of gather rays, and of paths, the number of a record's first.
             orders: of first vertices.
             sums: so far.
@@ -439,11 +426,16 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         within = Within()
         within.cell = cell
         within.first_ray = start
+        within.visits = visits
         for i in range(first + wp.tid(), end):
             if cell != WHOLE_SCENE:
                 within.whose = i - first
                 within.later = end - 1 - i
-                p = camera_path(scene.camera, paths, i)
+                p = Vertex()
+                if camera_rays.pixel.shape[0] > 0:
+                    p = first_vertex(scene.camera, camera_rays, i)
+                else:
+                    p = camera_path(scene.camera, paths, i)
                 found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
                 if p.bounce == 0:
                     leaving_out.first.depth[i - first] = found.depth

@@ -67,8 +67,8 @@ def remembered(monkeypatch: pytest.MonkeyPatch) -> list[FollowedPaths | None]:
     every: list[FollowedPaths | None] = []
     follow = WithinCell.follow
 
-    def remember(self: WithinCell, paths: object, count: int, *, first: bool) -> FollowedPaths | None:
-        every.append(follow(self, paths, count, first=first))
+    def remember(self: WithinCell, *args: object, **how: object) -> FollowedPaths | None:
+        every.append(follow(self, *args, **how))
         return every[-1]
 
     monkeypatch.setattr(WithinCell, "follow", remember)
@@ -135,6 +135,22 @@ def test_random_scenes_of_all_effects_but_media(
         shuffle = random.Random(chosen.seed)
         image = render_in_process(scene, chosen, workers=2, cells=cells, team=team, threads=2, shuffle=shuffle)
     assert same_bits(image, expected)
+
+
+def test_camera_rays_go_on_from_cell_to_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some hit what another cell may have something before, some what is another cell's, and some nothing."""
+    expected = alone(SCENES["metals"], PATH)
+    launched = remembered(monkeypatch)
+    assert same_bits(divided(SCENES["metals"], PATH, cells=8, workers=3), expected)
+    followed = [one for one in launched if one is not None]
+    onward, bounce = (np.concatenate([one.paths[name] for one in followed]) for name in ("onward", "bounce"))
+    assert (onward[bounce == 0] >= 0).any()
+    assert (onward[bounce == 0] < 0).any()
+    launched.clear()
+    assert same_bits(divided(SCENES["diffuse"], PATH, cells=8, workers=3), alone(SCENES["diffuse"], PATH))
+    followed = [one for one in launched if one is not None]
+    left = sum(np.count_nonzero(one.paths["bounce"] == 0) for one in followed)
+    assert sum(np.count_nonzero(one.first["depth"] < 0) for one in followed if one.first) > left
 
 
 def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyPatch) -> None:

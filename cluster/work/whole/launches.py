@@ -18,6 +18,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples, vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.camera.rays import Rays
 from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites
 from wdpm.kernels.launch import arguments_of
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
@@ -191,7 +192,9 @@ def _nothing(device: str) -> dict[str, Any]:
         "sites": columns.empty(Sites, 0, device),
         "rays": columns.empty(ArrivedRays, 0, device),
         "paths": columns.empty(Paths, 0, device),
+        "camera_rays": columns.empty(Rays, 0, device),
         "cell": int(leaving.WHOLE_SCENE),
+        "visits": 0,
         "start": 0,
         "samples": 0,
         "sums": columns.empty(add_samples.Sums, 0, device),

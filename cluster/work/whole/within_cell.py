@@ -32,8 +32,10 @@ class FollowedPaths(NamedTuple):
 
     Attributes:
         parts: Kind.LIT, and `whose`: the number of the path, ascending.
-        shots, paths: Kind.SHADOW and Kind.PATH, `whose` and `onward` (kernels.whole_samples.leaving).
-        first: of paths that began at their first vertex what that shows, one a path, else nothing.
+        shots, paths: Kind.SHADOW and Kind.PATH, `whose` and `onward` (kernels.whole_samples.leaving). Those of camera
+            rays that left before they had a vertex have no bounce.
+        first: of camera rays what their first vertices show, one a ray, depth negative where there was none; else
+            nothing.
         counts: what they did.
     """
 
@@ -67,12 +69,14 @@ class WithinCell:
             return False
         return all(plan.band >= plan.radius for plan in world.maps)
 
-    def follow(self, paths: Any, count: int, *, first: bool) -> FollowedPaths | None:
+    def follow(self, paths: Any, count: int, *, first: bool, visits: bool = False) -> FollowedPaths | None:
         """Follow paths until they end, or leave the cell.
 
         Args:
-            paths: kernels.camera.paths.Paths with final hits in it.
-            first: whether these are of camera rays; else of rays that have left a first vertex.
+            paths: with final hits in it.
+            first: whether these are camera rays (kernels.camera.rays.Rays); else paths that have left a first vertex
+                (kernels.camera.paths.Paths).
+            visits: whether they are on their way through it instead, with their best hits so far.
 
         Returns:
             what came of them; None where something happened that guards count: then it is to be found vertex by vertex.
@@ -95,7 +99,14 @@ class WithinCell:
             return {"leaving_out": made}
 
         notes = self._launches.launch(
-            count, GRAIN, room_for, shots=shots, paths=paths, cell=self._cell, start=RAY_SAMPLES
+            count,
+            GRAIN,
+            room_for,
+            shots=shots,
+            **{"camera_rays" if first else "paths": paths},
+            cell=self._cell,
+            visits=int(visits),
+            start=RAY_SAMPLES,
         )
         counts = sum_of(notes)
         if counts[indirect_light.SPOILT]:
