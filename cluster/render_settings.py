@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
+import numpy as np
+
 from wdpm.cluster.integrators.algorithm import Algorithm
 from wdpm.cluster.integrators.indirect import Indirect as Indirect
 from wdpm.cluster.integrators.registry import Integrator as Integrator
@@ -182,7 +184,8 @@ class RenderSettings:
         for name in (*whole, *chosen):
             self._set_plain(name, operator.index, "a whole number")
         self._set_plain("band", _number, "a number")
-        object.__setattr__(self, "adaptive", bool(self.adaptive))
+        for name in ("adaptive", "all_effects", "strict", "inexact", "unsteered"):
+            self._set_plain(name, _truth, "True or False")
         for name in ("radius", "caustic_radius", "volume_radius"):
             if getattr(self, name) is not None:
                 self._set_plain(name, _number, "a number")
@@ -218,6 +221,13 @@ def _number(value: Any) -> float:
     if isinstance(value, str):
         raise TypeError
     return float(value)
+
+
+def _truth(value: Any) -> bool:
+    """A string is none, as "no" would be taken for True; nor is None, which elsewhere means that wdpm chooses."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError
+    return bool(value)
 
 
 def _names(value: Any) -> tuple[str, ...]:

@@ -23,6 +23,9 @@ from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
         ({"spp": 2.5}, "spp is 2.5; expected a whole number"),
         ({"photons": None}, "photons is None; expected a whole number"),
         ({"radius": "wide"}, "radius is 'wide'; expected a number"),
+        ({"strict": "no"}, "strict is 'no'; expected True or False"),
+        ({"all_effects": None}, "all_effects is None; expected True or False"),
+        ({"adaptive": 1}, "adaptive is 1; expected True or False"),
         ({"without": "lens"}, "without is 'lens'; expected names of effects, some of indirect, "),
         ({"until_error": 0.5, "size": "8x8"}, "give it to wdpm.load"),
     ],
@@ -38,6 +41,11 @@ def test_wrong_settings_of_a_replay_and_of_a_plan() -> None:
         wdpm.replay("cornell-box", 0, 0, 0, wrong)
     with pytest.raises(SettingsError, match=r"give it to wdpm.load"):
         wdpm.inspect("cornell-box", size=(8, 8))
+
+
+def test_truth_of_numpy_is_plain() -> None:
+    flag: Any = np.bool_(True)
+    assert wdpm.RenderSettings(adaptive=flag).adaptive is True
 
 
 @pytest.mark.parametrize("size", ["8x8", 8, (8,), (8, 8, 8), (8.5, 8)])
