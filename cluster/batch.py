@@ -30,8 +30,11 @@ class Kind(Enum):
 
     __hash__ = object.__hash__  # there is one object of each; Enum's own takes Python code, some ten times a batch
 
+    START = "start"
+    """Camera rays as they set out, by pixel and sample number, in the cell that most of them come to first (routing
+    `forward`)."""
     CAMERA = "camera"
-    """Camera rays, by pixel and sample number, with the best hit so far (routing `forward`)."""
+    """Camera rays, by pixel and sample number, with the best hit so far."""
     PROBE = "probe"
     """Camera rays, by pixel and sample number, to be intersected here and reported to the home (routing `merge`)."""
     SHADE = "shade"
@@ -89,6 +92,7 @@ OF_MAPS = GHOSTS | {Kind.COPIED_PHOTONS, Kind.COPIED_ORDER, Kind.COPIED_IRRADIAN
 """What maps are built of, besides what landed in the cell itself. It belongs to no task, and is counted by batches."""
 
 SCHEMAS: Final[dict[Kind, Fields]] = {
+    Kind.START: fields.RAY,
     Kind.CAMERA: fields.CAMERA_RAY,
     Kind.PROBE: fields.RAY,
     Kind.SHADE: fields.CAMERA_RAY,

@@ -23,7 +23,7 @@ from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
-from wdpm.cluster.work.misses import missed_light, no_hits
+from wdpm.cluster.work.misses import first_cells, missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.sample_weights import SampleWeights
 from wdpm.cluster.work.waves import Piece, sample_groups, waves
@@ -151,21 +151,16 @@ class BucketHome:
         return pixel, sample.reshape(-1)
 
     def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
-        """Each ray sets out in the first cell on its way."""
-        replica, device = self._replica, self._replica.launcher.device
-        total = len(start["slot"])
-        arrays: Arrays = {**start, **no_hits(total, self._view)}
-        destination = np.zeros(total, np.int32)
-        if replica.world.top_tree.cells > 1:
-            first = wp.empty(total, dtype=wp.int32, device=device)
-            rays = columns.upload(Rays, arrays, device)
-            kernel, camera = replica.kernels.first_camera_cells, replica.camera
-            replica.launcher(kernel, total, camera=camera, cells=replica.cells, rays=rays, next_cell_out=first)
-            destination = first.numpy()
+        """The rays of a pixel set out together, in the cell that the first of them comes to first."""
+        pixel = start["pixel"]
+        ahead = np.flatnonzero(np.diff(pixel, prepend=-1))
+        some = {**take_some(start, ahead), **no_hits(len(ahead), self._view)}
+        rays = columns.upload(Rays, some, self._replica.launcher.device)
+        destination = np.repeat(first_cells(self._replica, rays, len(ahead)), np.diff(ahead, append=len(pixel)))
         unit = parts.credit_of_camera_ray(self._view.light_samples)
-        self._credit = int(np.count_nonzero(destination >= 0)) * unit
+        self._credit = len(pixel) * unit
         for cell, rows in by_destination(destination, destination >= 0):
-            yield self._batch(Kind.CAMERA, cell, len(rows) * unit, take(arrays, rows))
+            yield self._batch(Kind.START, cell, len(rows) * unit, take(start, rows))
 
     def _begin_merge(self, rays: dict[str, NDArray[Any]]) -> Iterator[Batch]:
         """Each ray sets out in all cells that it touches; their hits are merged here."""

@@ -16,7 +16,7 @@ from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
-from wdpm.cluster.work.misses import missed_light, no_hits, rest_of, start_paths
+from wdpm.cluster.work.misses import first_cells, missed_light, no_hits, rest_of, start_paths
 from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
@@ -95,6 +95,24 @@ class CameraPaths:
         add_counts(counts, self.gathering.counters, self.final_gather.counters)
 
     # Rays from the camera
+
+    def start_camera(self, batch: Batch) -> Iterator[Batch]:
+        """Intersect those camera rays that come here first; send the others to where they do."""
+        arrays = {**batch.arrays, **no_hits(len(batch), self._view)}
+        rays = columns.upload(Rays, arrays, self._replica.launcher.device, written=())
+        if self.within.can_be:
+            follows = self._followed(batch, rays, first=True)
+            if follows is not None:
+                yield from follows
+                return
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        first = first_cells(self._replica, rays, len(batch))
+        for cell, rows in by_destination(first, first >= 0):
+            sent = Batch(Kind.CAMERA, cell, batch.runs.among(rows).with_unit(unit), take(arrays, rows))
+            if cell == self._cell:
+                yield from self.visit_camera(sent)
+            else:
+                yield sent
 
     def visit_camera(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays; forward those that may find a nearer hit elsewhere."""

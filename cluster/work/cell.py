@@ -70,6 +70,7 @@ class Cell:
         self._camera_paths = CameraPaths(number, self._trees, self._surfaces, self.store, replica)
         self._photon_paths = PhotonPaths(number, self._trees, self._surfaces, self.store, replica)
         self._actions = {
+            Kind.START: self._camera_paths.start_camera,
             Kind.CAMERA: self._camera_paths.visit_camera,
             Kind.PROBE: self._camera_paths.probe,
             Kind.SHADE: self._camera_paths.shade_camera,

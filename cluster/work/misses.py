@@ -1,4 +1,4 @@
-"""Rays of camera paths that meet no surface: what comes from beyond the scene."""
+"""Camera rays as they set out, the paths that they begin, and what comes from beyond the scene where they end."""
 
 from __future__ import annotations
 
@@ -33,6 +33,17 @@ def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
         "v": np.zeros(count, np.float32),
         "owner": np.full(count, -1, np.int32),
     }
+
+
+def first_cells(replica: Replica, rays: Any, count: int) -> NDArray[np.int32]:
+    """The cell that each camera ray (kernels.camera.rays.Rays) comes to first, shape [count]."""
+    if replica.world.top_tree.cells == 1:
+        return np.zeros(count, np.int32)
+    first = columns.integers(count, replica.launcher.device)
+    kernel, camera = replica.kernels.first_camera_cells, replica.camera
+    replica.launcher(kernel, count, camera=camera, cells=replica.cells, rays=rays, next_cell_out=first)
+    cells: NDArray[np.int32] = first.numpy()
+    return cells
 
 
 def start_paths(replica: Replica, rays: Any, count: int) -> Any:

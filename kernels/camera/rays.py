@@ -174,7 +174,7 @@ def first_path_cells(
     i = offset + wp.tid()
     cell = wp.int32(-1)
     if wp.max(paths.throughput[i]) > 0.0:
-        cell = cell_on_way(cells, paths.origin[i], paths.direction[i], paths.t[i], -1, True)
+        cell = cell_on_way(cells, paths.origin[i], paths.direction[i], paths.t[i], -1, -1, True)
         if cell < 0 and misses != 0:
             cell = cell_of(cells, paths.origin[i])
     next_cell_out[i] = cell

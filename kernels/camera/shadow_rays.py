@@ -59,7 +59,7 @@ def first_shadow_cells(cells: Cells, segments: Segments, offset: wp.int32, next_
     i = offset + wp.tid()
     next_cell_out[i] = SHADOW_BLOCKED
     if wp.max(segments.radiance[i]) > 0.0:
-        next_cell_out[i] = cell_on_way(cells, segments.origin[i], segments.direction[i], SEGMENT_END, -1, True)
+        next_cell_out[i] = cell_on_way(cells, segments.origin[i], segments.direction[i], SEGMENT_END, -1, -1, True)
 
 
 @functools.cache
@@ -89,7 +89,7 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
         if wp.max(segments.radiance[i]) > 0.0:
             onward = own_cell
             if fresh != 0 and cells.count > 1:
-                onward = cell_on_way(cells, origin, direction, SEGMENT_END, -1, True)
+                onward = cell_on_way(cells, origin, direction, SEGMENT_END, -1, -1, True)
             if onward == own_cell:
                 if any_hit(trees, origin, direction, SEGMENT_END):
                     onward = SHADOW_BLOCKED
@@ -235,4 +235,4 @@ def next_way_cells(
 ) -> None:
     """The cell that each way visits after `current` (-1: before the first), or -1 when none is left."""
     i = offset + wp.tid()
-    next_cell_out[i] = cell_on_way(cells, ways.origin[i], ways.direction[i], ways.length[i], current, False)
+    next_cell_out[i] = cell_on_way(cells, ways.origin[i], ways.direction[i], ways.length[i], current, -1, False)

@@ -132,15 +132,17 @@ def cell_on_way(
     direction: wp.vec3,
     t_max: wp.float32,
     current: wp.int32,
+    known: wp.int32,
     outlined: wp.bool,
 ) -> wp.int32:
     """The cell that a ray comes to after `current` (-1: before the first), or -1 when none is left.
 
     Args:
+        known: a cell that it need not come to; -1 for none.
         outlined: whether it passes by cells in which it meets nothing of the outline.
     """
     if cells.count == 1:
-        return -1 - current  # the only cell, once: 0 after -1, -1 after 0
+        return wp.where(known == 0, -1, -1 - current)  # the only cell, once: 0 after -1, -1 after 0
     inverse = inverse_direction(direction)
     after = wp.float32(-1.0)
     if current >= 0:
@@ -151,6 +153,8 @@ def cell_on_way(
         enter = children_enter(cells.boxes, eight, origin, inverse)
         met = lanes_not_above(enter, children_leave(cells.boxes, eight, origin, inverse * EXIT_SCALE, t_max))
         met = met & behind(enter, after, current - 8 * eight) & ~lanes_not_above(vec8(entry), enter)
+        if known >= 0 and known / 8 == eight:
+            met = met & ~(1 << (known % 8))
         if outlined:
             met = met & outlines_near(cells.outlines, eight, origin, inverse, t_max)
         while met != 0:
@@ -177,7 +181,19 @@ def next_cell(
     """
     if cells.count == 1:
         return -1 - current  # as there, without a call
-    cell = cell_on_way(cells, origin, direction, t_max, current, True)
+    cell = cell_on_way(cells, origin, direction, t_max, current, -1, True)
     if cell < 0 and current < 0:
         cell = cell_of(cells, origin)
     return cell
+
+
+@wp.func
+def cell_beside(
+    cells: wp.ref[Cells], origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, own: wp.int32
+) -> wp.int32:
+    """The first cell but `own` that a ray may meet something in, or -1.
+
+    A ray that sets out in a cell and meets that first need not know when it comes there. Should another cell be before
+    it, then its way goes on from there, and may lead here once more: to the same hit.
+    """
+    return cell_on_way(cells, origin, direction, t_max, -1, own, True)

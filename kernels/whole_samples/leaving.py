@@ -26,7 +26,7 @@ from wdpm.kernels.columns import FromFields, columns_of, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen, integer
 from wdpm.kernels.ray_fields import PART, PATH, SAMPLE, SEGMENT
-from wdpm.kernels.rays.cells import next_cell
+from wdpm.kernels.rays.cells import cell_beside, next_cell
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
@@ -155,16 +155,14 @@ def make_look_along(features: Features) -> wp.Function:
         if visits == 1 and p.prim >= 0:
             look.owner = p.owner
         if p.prim < 0 or visits == 1:
-            first = cell
-            if cell != WHOLE_SCENE and visits == 0:
-                first = next_cell(scene.cells, p.origin, p.direction, p.t, -1)
-            look.onward = first
-            if first == cell:
-                look.hit = closest_hit(trees, p.origin, p.direction, look.hit)
-                if cell != WHOLE_SCENE:
+            look.hit = closest_hit(trees, p.origin, p.direction, look.hit)
+            if cell != WHOLE_SCENE:
+                if visits == 1:
                     look.onward = next_cell(scene.cells, p.origin, p.direction, look.hit.t, cell)
-                    if look.hit.prim != p.prim:
-                        look.owner = owner_of(scene.cells, scene.surfaces, look.hit)
+                else:
+                    look.onward = cell_beside(scene.cells, p.origin, p.direction, look.hit.t, cell)
+                if look.hit.prim != p.prim:
+                    look.owner = owner_of(scene.cells, scene.surfaces, look.hit)
         return look
 
     return look_along

@@ -141,7 +141,7 @@ def make_arriving(features: Features) -> wp.Function:
             direction = scratch.shots.direction[j]
             onward = within.cell
             if within.cell != WHOLE_SCENE:
-                onward = cell_on_way(scene.cells, origin, direction, SEGMENT_END, -1, True)
+                onward = cell_on_way(scene.cells, origin, direction, SEGMENT_END, -1, -1, True)
                 if wp.static(features.walks):  # it is walked by other kernels, from the cell where it begins
                     onward = wp.where(onward < 0, within.cell, onward)
                     leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)

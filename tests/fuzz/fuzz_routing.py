@@ -106,14 +106,14 @@ def stops(
     """Whether a segment to t = 1 is blocked in a cell on its way."""
     ray = make_ray(o, d)
     steps = wp.int32(0)
-    cell = cell_on_way(cells, o, d, 1.0, -1, True)
+    cell = cell_on_way(cells, o, d, 1.0, -1, -1, True)
     while cell >= 0 and steps < cells.count:
         best = no_hit()
         for place in range(begin[cell], begin[cell + 1]):
             best = nearer(best, corners, held[place], ray, pad)
         if best.t < 1.0:
             return True
-        cell = cell_on_way(cells, o, d, 1.0, cell, True)
+        cell = cell_on_way(cells, o, d, 1.0, cell, -1, True)
         steps += 1
     return False
 

@@ -12,6 +12,7 @@ import pytest
 from digests import alone, same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from random_scenes import scenes_with_effects
 from test_exactness_random import give_planes_through_places
 from test_exactness_whole_samples import (
@@ -26,6 +27,7 @@ from test_exactness_whole_samples import (
 from test_exactness_whole_samples import SCENES as WITH_KERNELS
 
 from wdpm.cluster.render_settings import RenderSettings, Routing
+from wdpm.cluster.work import bucket_home
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole import within_cell
 from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
@@ -135,6 +137,23 @@ def test_random_scenes_of_all_effects_but_media(
         shuffle = random.Random(chosen.seed)
         image = render_in_process(scene, chosen, workers=2, cells=cells, team=team, threads=2, shuffle=shuffle)
     assert same_bits(image, expected)
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_rays_that_set_out_in_another_cell_than_their_first(follows: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where cells meet within a pixel: the cell that they set out in sends them where they belong."""
+    expected = alone(SCENES["coats"], CACHE)
+    sent: list[int] = []
+
+    def the_last(_replica: Replica, _rays: object, count: int) -> NDArray[np.int32]:
+        sent.append(count)
+        return np.full(count, 7, np.int32)
+
+    monkeypatch.setattr(bucket_home, "first_cells", the_last)
+    if not follows:
+        monkeypatch.setattr(WithinCell, "can_be", False)
+    assert same_bits(divided(SCENES["coats"], CACHE, cells=8, workers=3), expected)
+    assert sum(sent) == np.prod(expected.pixels.shape[:2])  # one ray a pixel was asked about
 
 
 def test_camera_rays_go_on_from_cell_to_cell(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at,
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.work.cell import Cell
-from wdpm.cluster.work.misses import no_hits
+from wdpm.cluster.work.misses import first_cells, no_hits
 from wdpm.cluster.work.records.extra_rays import Counts, Values, extra_rays, means, standard_errors
 from wdpm.cluster.work.records.record_wave import GatherRays, RecordWave, first_rays, further_rays
 from wdpm.cluster.work.replica import Replica
@@ -78,11 +78,8 @@ class RecordHome:
             **no_hits(count, self._view),
         }
         rays = columns.upload(Rays, arrays, replica.launcher.device)
-        first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
-        kernel, camera = replica.kernels.first_camera_cells, replica.camera
-        replica.launcher(kernel, count, camera=camera, cells=replica.cells, rays=rays, next_cell_out=first)
-        destination = first.numpy()
-        self._credit = int(np.count_nonzero(destination >= 0))
+        destination = first_cells(replica, rays, count)
+        self._credit = count
         for cell, rows in by_destination(destination, destination >= 0):
             yield self._batch(Kind.CANDIDATE, cell, len(rows), take(arrays, rows))
         if not self._credit:

@@ -42,9 +42,9 @@ def copied(way: dict[str, Any]) -> Ledger:
     scene = effects_scenes.scene_of(effects_scenes.EVERYTHING, (12, 9))
     few = {"spp": 1, "photons": 1000, "caustic_photons": 500, "volume_photons": 500, "all_effects": True}
     settings = replace(FEW, **few, **way)
-    shared = render_in_process(scene, settings, workers=2, cells=2, threads=1)
+    shared = render_in_process(scene, settings, workers=2, cells=4, threads=1)
     with separate_memory() as ledger:
-        separate = render_in_process(scene, settings, workers=2, cells=2, threads=1)
+        separate = render_in_process(scene, settings, workers=2, cells=4, threads=1)
     assert separate.digest() == shared.digest()
     return ledger
 
