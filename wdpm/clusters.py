@@ -82,7 +82,7 @@ class Cluster(Backend):
         self._placed = placed
         self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
         self._beside = KernelsBeside(compiling)
-        stack.callback(self._beside.stop)
+        stack.callback(self._beside.leave)
 
     @classmethod
     def local(
@@ -350,12 +350,17 @@ class Cluster(Backend):
         team = partial(sharing, self._copies, slaves)
         prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
         forget_pilot(prepared)
-        self._beside.compile(prepared.uncompiled)
+        self._beside.compile(prepared.uncompiled, progress.note)
         return prepared
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
-        return self._master.render(session, progress, self.display, self.keeper)
+        self._beside.before_pass()
+        try:
+            return self._master.render(session, progress, self.display, self.keeper)
+        except BaseException:
+            self._beside.stop()
+            raise
 
     def render(
         self,

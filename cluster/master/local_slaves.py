@@ -127,6 +127,13 @@ class SlaveProcess:
         """Close its life line."""
         self._line.close()
 
+    def leave(self, words: bytes) -> None:
+        """Tell it to go on without this process, in words that it knows, and close its life line."""
+        with contextlib.suppress(BrokenPipeError):  # it has ended already
+            self._line.write(words)
+        self.let_go()
+        self._log.close()
+
     def stop(self, seconds: float) -> None:
         """Close its life line, wait for its end so long, and kill it then."""
         self.let_go()

@@ -9,7 +9,7 @@ class Compiling(Enum):
     """When a scene's own kernels are compiled, if they have not been, on the CPU.
 
     BESIDE: kernels with all effects stand in for those that are missing, and the render begins. Another process
-        compiles them meanwhile, until the render ends; passes that begin later have what is ready.
+        compiles them after it, or beside it if it is long; passes that begin later have what is ready.
     FIRST: before the render.
     NO: kernels with all effects stand in for them.
 

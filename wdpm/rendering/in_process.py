@@ -105,10 +105,11 @@ class InProcess(Backend):
             self._worth(scene.camera, settings),
             lambda _: Sharing(self._workers, self._team),
         )
-        self._beside.compile(prepared.uncompiled)
+        self._beside.compile(prepared.uncompiled, progress.note)
         return prepared
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
+        self._beside.before_pass()
         cluster = self._held_for(prepared)
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
@@ -117,6 +118,7 @@ class InProcess(Backend):
         except BaseException:
             cluster.close()
             self._kept = None
+            self._beside.stop()
             raise
 
     def close(self) -> None:
@@ -124,7 +126,7 @@ class InProcess(Backend):
             held.cluster.close()
         self._clusters.clear()
         self._kept = None
-        self._beside.stop()
+        self._beside.leave()
 
     def _held_for(self, prepared: Prepared) -> MemoryCluster:
         """The cluster that renders a scene: its own, or that of the last one if photons see no difference."""
