@@ -82,7 +82,7 @@ LEAST_WORTH = 0.875
 """Of the error that a trial foretells with as many samples everywhere: if more than that is left, so many are taken."""
 
 
-def allotment_by_noise(noise: NDArray[np.float64], spp: int, width: int, height: int) -> Allotment:
+def allotment_by_noise(noise: NDArray[np.float64], spp: int, width: int, height: int, multiple: int = 1) -> Allotment:
     """The samples of a render in one pass, by how noisy a trial saw parts of its image.
 
     Errors fall most where samples go by the root of the squared error of one (Neyman 1934). A trial knows these from a
@@ -95,6 +95,7 @@ def allotment_by_noise(noise: NDArray[np.float64], spp: int, width: int, height:
         noise: squared error of a sample, of each pixel of a small picture of the same view, as relMSE weighs it.
         spp: samples of a pixel, on average; no more are allotted.
         width, height: of the image [pixels].
+        multiple: of which all numbers of samples are.
 
     Returns:
         NO_ALLOTMENT where as many samples everywhere are about as good.
@@ -105,7 +106,8 @@ def allotment_by_noise(noise: NDArray[np.float64], spp: int, width: int, height:
     floor = LEAST_NOISE * noise.mean() + UNSEEN_NOISE
     seen, own = _mean_around(noise)[places] + floor, noise[places] + floor
     pixels = _sizes(rows, height)[:, None] * _sizes(columns, width)[None, :]
-    levels = np.unique([max(LEAST_BY_NOISE, round(spp * 2.0 ** (0.5 * step))) for step in NOISE_STEPS])
+    counts = [max(LEAST_BY_NOISE, spp * 2.0 ** (0.5 * step)) for step in NOISE_STEPS]
+    levels = np.unique([multiple * max(1, round(count / multiple)) for count in counts])
     borders = np.sqrt(levels[:-1] * levels[1:])
     eighth = np.sqrt(np.sqrt(np.sqrt(seen)))
     wanted = eighth * eighth * eighth

@@ -6,6 +6,7 @@ the World is the same, and renders any number of Views from them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -274,6 +275,7 @@ class View:
             none, all pixels take `spp`.
         lit_places: where gather rays of irradiance records are worth while.
         outlines: pixels that take some times as many samples as the View or its allotment says.
+        caustic_share: 1 of so many samples of a pixel asks the caustic map, for all of them; a power of two.
     """
 
     camera: Camera
@@ -293,3 +295,16 @@ class View:
     allotment: Allotment = NO_ALLOTMENT
     lit_places: LitPlaces = NO_LIT_PLACES
     outlines: LampOutlines = NO_LAMP_OUTLINES
+    caustic_share: int = 1
+
+    @property
+    def caustic_turn(self) -> tuple[int, int]:
+        """Of each run of so many samples of a pixel, how many ask the caustic map: the first, for all of the run.
+
+        Every pixel takes whole runs, or what it shows would be brighter or darker by what is missing.
+        """
+        if self.caustic_share == 1:
+            return 1, 1
+        counts = (self.allotment.first, self.allotment.count) if len(self.allotment) else (self.first_sample, self.spp)
+        run = int(np.gcd.reduce([np.gcd.reduce(np.ravel(each)) for each in counts])) or 1
+        return run, run // math.gcd(run, self.caustic_share)

@@ -21,6 +21,9 @@ POINTS_MOST: Final = 1 << 24
 MAX_K = 500
 """Largest k: a gather's candidates have a fixed place on the stack. A larger k only blurs; more photons do not."""
 
+MOST_CAUSTIC_SHARE: Final = 64
+"""Samples of a pixel for which one asks the caustic map, at most: with more nothing is left to save."""
+
 MAX_PHOTONS = 2**31 - 1
 """Photons of the global or caustic map that may be asked for: their numbers are an int32."""
 

@@ -6,13 +6,15 @@ from wdpm.cluster.allotment import OUTLINE_TIMES, Allotment, LampOutlines, block
 from wdpm.cluster.messages.demands import indices, require
 from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.world import View
-from wdpm.kernels.limits import MAX_K
+from wdpm.kernels.limits import MAX_K, MOST_CAUSTIC_SHARE
 
 
 def check_view(view: View, where: str) -> None:
     counts = (view.spp, view.light_samples, view.k, view.bucket, view.volume_samples)
     require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
     require(min(view.k, view.caustic_k) >= 1 and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
+    share = view.caustic_share
+    require(1 <= share <= MOST_CAUSTIC_SHARE and share & (share - 1) == 0, where, f"caustic_share is {share}")
     last = (view.first_sample + view.spp) * view.outlines.times
     require(view.first_sample >= 0 and last < 2**31, where, f"samples {view.first_sample} to {last - 1}")
     require(0 <= view.seed < 2**32, where, f"seed {view.seed}")

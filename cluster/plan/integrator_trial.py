@@ -31,6 +31,7 @@ from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot, worker_withou
 from wdpm.cluster.plan.small_view import SeenPlaces, Values
 from wdpm.cluster.plan.steering.pilot import steered_pilot
 from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
+from wdpm.cluster.plan.trial.caustic_share import caustic_grain, caustic_share
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.looks import Looks, look
 from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
@@ -78,6 +79,7 @@ class IntegratorChoice:
         learnt: how shadow rays choose among lights, in the trial as in the render.
         noise: squared error of a sample of each pixel of the trial, with what was chosen, shape [height, width].
         indirect: where indirect light comes from by photons, in words.
+        caustic_share: 1 of so many samples of a pixel asks the caustic map.
     """
 
     settings: RenderSettings
@@ -86,6 +88,7 @@ class IntegratorChoice:
     learnt: Learnt
     noise: Values
     indirect: tuple[str, ...] = ()
+    caustic_share: int = 1
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -140,12 +143,17 @@ def _by_trial(
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
         noises = trial.noises_by(best.settings)
-        return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, (indirect,))
+        return IntegratorChoice(
+            best.settings, words + best.fewer, pilot, learnt, noises, (indirect,), best.caustic_share
+        )
     spp = photons.samples_of_pass
     of_paths = _by_paths(trial, Prices(flat, plans, spp), spp)
-    chosen = trial.by_paths.settings if of_paths.is_better_than(best.way) else best.settings
-    words = words_for(of_paths, best.way) + (best.fewer if chosen is best.settings else "")
-    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
+    words = words_for(of_paths, best.way)
+    if of_paths.is_better_than(best.way):
+        chosen = trial.by_paths.settings
+        return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
+    noises = trial.noises_by(best.settings)
+    return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, (indirect,), best.caustic_share)
 
 
 def _surely_by_paths(flat: FlatScene, looks: Looks, photons: RenderSettings) -> tuple[RenderSettings, str] | None:
@@ -174,20 +182,24 @@ class _ByPhotons:
     Attributes:
         settings: with as many photons as are worth it.
         fewer: in words, where these are fewer than by default.
+        caustic_share: 1 of so many samples of a pixel asks the caustic map.
     """
 
     settings: RenderSettings
     way: Way
     fewer: str
+    caustic_share: int
 
 
 def _by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> _ByPhotons:
     """With photons of worth."""
     spp = photons.samples_of_pass
     settings, fewer, words = _with_photons_of_worth(flat, plans, trial, photons)
-    grain, left = trial.noise_by(settings) / spp, _left_by_map(trial, fewer, settings, spp)
-    way = Way(grain + left, Prices(flat, fewer, spp).of_photons(trial, settings), of_maps=left)
-    return _ByPhotons(settings, way, words)
+    left, prices = _left_by_map(trial, fewer, settings, spp), Prices(flat, fewer, spp)
+    share = caustic_share(prices, fewer, trial, settings)
+    grain = (trial.noise_by(settings) + share * trial.caustic_grain) / spp
+    way = Way(grain + left, prices.of_photons(trial, settings, share), of_maps=left)
+    return _ByPhotons(settings, way, words, share)
 
 
 def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> tuple[_ByPhotons, str]:
@@ -322,7 +334,8 @@ def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, l
             for path, photon in zip(looks.paths.layers, looks.photons.layers, strict=True)
         ]
         bias = map_bias(pilot, plans, photons.k, queries, wanted, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
-    return looks.trial(caustics, unread, (of_global, of_caustics), bias)
+    grain = caustic_grain(pilot, places, truth, looks.samples, epsilon)
+    return looks.trial(caustics, unread, (of_global, of_caustics), bias, grain)
 
 
 def _map_errors(

@@ -81,7 +81,7 @@ class SeenPlaces:
     def __init__(self) -> None:
         none: dict[str, NDArray[Any]]  # where the camera sees nothing but sky, nobody asks
         none = {name: np.zeros((0, 3), np.float32) for name in ("position", "normal", "weight")}
-        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32)}
+        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32), "sample": np.zeros(0, np.int32)}
         self._found: list[Mapping[str, NDArray[Any]]] = [none]
 
     @property
@@ -99,13 +99,13 @@ class SeenPlaces:
             kind, color = (columns.member(shaded.coats, "bsdf", name)[asks] for name in ("kind", "color"))
             found["plain"] = kind == int(DIFFUSE)
             found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
-        self._found.append(found | {"pixel": rays.pixel.numpy()[asks]})
+        self._found.append(found | {name: getattr(rays, name).numpy()[asks] for name in ("pixel", "sample")})
 
     def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
         """Nothing: trials have no maps that could be asked."""
 
     def all(self, name: str) -> NDArray[Any]:
-        """Of all places: position, normal and weight, shape [places, 3], or the number of the pixel, shape [places]."""
+        """Of all places: position, normal and weight, shape [places, 3], or pixel and sample, shape [places]."""
         return np.concatenate([found[name] for found in self._found])
 
 

@@ -97,6 +97,8 @@ class PhotonGathering:
             queries, coats: kernels.camera.vertices.Queries and Coats.
             rays: what came to the places of the queries; where diffuse surfaces sent it on, fewer photons are enough.
             among: which of the queries ask; None for all that want photons.
+
+        Where the camera looks, some samples ask the caustic map for others, too (View.caustic_turn).
         """
         replica, count = self._replica, columns.length(queries, "weight")
         radiance = np.zeros((count, 3), np.float32)
@@ -107,15 +109,20 @@ class PhotonGathering:
         if among is not None:
             wants &= among
         ends = rays["diffuse"] > 0 if "diffuse" in rays else np.zeros(count, np.bool_)
+        run, asks = replica.view.caustic_turn if number == CAUSTIC_MAP else (1, 1)
+        if asks < run:
+            wants &= ends | (rays["sample"] % run < asks)
         for some, of_some in ((wants & ~ends, k), (wants & ends, fewer_of_rays(k))):
             rows = np.flatnonzero(some)
             if len(rows) == count:
-                return self._reflected(number, queries, coats, rays, of_some)
-            if len(rows):
+                radiance = self._reflected(number, queries, coats, rays, of_some)
+            elif len(rows):
                 device = replica.launcher.device
                 few = columns.chosen(Queries, queries, rows, device)
                 few_coats = columns.chosen(Coats, coats, rows, device) if replica.outputs.coated else coats
                 radiance[rows] = self._reflected(number, few, few_coats, take(rays, rows), of_some)
+        if asks < run:
+            radiance[~ends] *= np.float32(run / asks)
         return radiance
 
     def _reflected(self, number: int, queries: Any, coats: Any, rays: Arrays, k: int) -> NDArray[np.float32]:

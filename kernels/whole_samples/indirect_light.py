@@ -63,6 +63,8 @@ class GatheredMap:
         r_max, r_least: as of gathers.
         point_area: the area that each surface point stands for.
         scale: 1 / photon paths.
+        run, asks: where the camera looks, of each run of so many samples of a pixel the first `asks` ask.
+        share: samples that one which asks stands for.
     """
 
     there: wp.int32
@@ -75,6 +77,9 @@ class GatheredMap:
     r_least: wp.float32
     point_area: wp.float32
     scale: wp.float32
+    run: wp.int32
+    asks: wp.int32
+    share: wp.float32
 
 
 @wp.struct
@@ -354,7 +359,10 @@ def make_indirect_light(features: Features) -> IndirectLight:
     ) -> wp.vec3:
         """Light of the caustic map at a vertex; irradiance that was computed ahead has it in it."""
         radiance = wp.vec3(0.0)
-        if known.caustic_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0:
+        asks = known.caustic_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0
+        if asks and p.diffuse <= 0:
+            asks = p.sample % known.caustic_map.run < known.caustic_map.asks
+        if asks:
             ahead = decision.by_photons == 1 and decision.by_length == 0
             if not (ahead and lambertian(scratch.coats)):
                 radiance = reflected(
@@ -368,6 +376,8 @@ def make_indirect_light(features: Features) -> IndirectLight:
                     ints,
                     notes,
                 )
+                if p.diffuse <= 0:
+                    radiance = radiance * known.caustic_map.share
         return radiance
 
     return IndirectLight(at_vertex, caustics)

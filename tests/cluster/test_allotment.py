@@ -116,6 +116,14 @@ def test_as_many_samples_are_taken_as_were_asked_for() -> None:
         assert pixels.max() <= MOST_BY_NOISE * spp
 
 
+def test_all_numbers_of_samples_are_of_some_multiple() -> None:
+    noise = np.random.default_rng(3).exponential(size=(18, 31)) * np.geomspace(0.01, 100.0, 31)
+    allotment = allotment_by_noise(noise, 16, 31 * BLOCK, 18 * BLOCK, 4)
+    assert len(np.unique(allotment.count)) > 2
+    assert not (allotment.count % 4).any()
+    assert 0.9 * 16 <= allotment.count.mean() <= 16
+
+
 @pytest.mark.parametrize(
     ("noise", "spp"),
     [

@@ -14,7 +14,9 @@ from wdpm.cluster.plan.integrator_trial import choose_integrator, reason_for_pho
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
+from wdpm.cluster.plan.trial.caustic_share import share_in_words
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.kernels.camera.pixel_filter import is_signed
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.errors import SceneError
@@ -30,6 +32,7 @@ class ChosenSettings:
         pilot: that was flown to choose.
         learnt: how shadow rays choose among lights, where a choice asked for it.
         noise: of a sample of each pixel of a small picture, where a choice told, shape [height, width].
+        caustic_share: 1 of so many samples of a pixel asks the caustic map.
     """
 
     settings: RenderSettings
@@ -37,6 +40,7 @@ class ChosenSettings:
     pilot: PhotonPilot | None = None
     learnt: Learnt | None = None
     noise: NDArray[np.float64] | None = None
+    caustic_share: int = 1
 
 
 def choose_settings(
@@ -69,9 +73,12 @@ def choose_settings(
     compile_for(trial_features(flat, settings))
     by_map = replace(settings, integrator=Integrator.PHOTONS, indirect=Indirect.MAP)
     choice = choose_integrator(flat, settings, _with_light_samples(flat, by_map), launcher)
-    others = choice.indirect if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
-    return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
+    words: tuple[str, ...] = (f"integrator: {choice.words}",)
+    share = 1 if is_signed(flat.camera.filter) else choice.caustic_share  # weights are balanced over all samples
+    if choice.settings.algorithm.shoots_photons:
+        words += (*choice.indirect, *share_in_words(share))
+    return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share)
 
 
 BRIGHTEST = 1e32

@@ -201,7 +201,7 @@ def _session(
     """
     world = plan.world
     view = view_of(flat, automatic.settings, max(shared.slaves, processes), alone=shared.team_size == 1)
-    view = plan.learnt_view(view)
+    view = replace(plan.learnt_view(view), caustic_share=automatic.caustic_share)
     return Session(
         world=world,
         view=replace(view, allotment=_allotment(automatic, view)),
@@ -237,7 +237,7 @@ def _allotment(automatic: ChosenSettings, view: View) -> Allotment:
     if (times > 1).all():
         return NO_ALLOTMENT
     noise = np.where(times > 1, automatic.noise[times == 1].mean(), automatic.noise)
-    return allotment_by_noise(noise, automatic.settings.spp, camera.width, camera.height)
+    return allotment_by_noise(noise, automatic.settings.spp, camera.width, camera.height, view.caustic_share)
 
 
 def _allotment_in_words(allotment: Allotment) -> tuple[str, ...]:

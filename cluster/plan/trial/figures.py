@@ -31,6 +31,7 @@ class Trial:
         unread: the share of gather rays that would find no irradiance within reach.
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
         bias: of the global map, as relMSE: what it shows beyond what paths do, and beyond noise.
+        caustic_grain: noise of a sample's caustics, as relMSE: samples of one pixel do not see the same of the map.
         noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
             [height, width].
     """
@@ -42,6 +43,7 @@ class Trial:
     unread: float
     map_errors: Sequence[MapError | None]
     bias: float
+    caustic_grain: float
     noises: tuple[Values, Values, Values]
 
     def noise_by(self, settings: RenderSettings) -> float:

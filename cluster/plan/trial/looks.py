@@ -60,6 +60,7 @@ class Looks:
         unread: float = 0.0,
         map_errors: Sequence[MapError | None] = (None, None),
         bias: float = 0.0,
+        caustic_grain: float = 0.0,
     ) -> Trial:
         """All that is known, with what photons tell: see Trial. Without that, at the best for photon mapping."""
         weight = 1.0 / (self.truth**2 + self.epsilon)
@@ -69,7 +70,9 @@ class Looks:
             self.paths.noise(weight, "indirect").mean(axis=2),
         )
         lambertian = self.places.lambertian
-        return Trial(self.by_photons, self.by_paths, caustics, lambertian, unread, map_errors, bias, noises)
+        return Trial(
+            self.by_photons, self.by_paths, caustics, lambertian, unread, map_errors, bias, caustic_grain, noises
+        )
 
 
 def look(flat: FlatScene, worker: CellWorker, photons: RenderSettings, paths: RenderSettings, learnt: Learnt) -> Looks:

@@ -74,8 +74,12 @@ class Prices:
         """Of a render by path tracing."""
         return self._trees + self._pixels * self._spp * self._rays(way, WHOLE_PATHS)
 
-    def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
-        """Of a render by photons."""
+    def of_photons(self, trial: Trial, settings: RenderSettings, caustic_share: int = 1) -> float:
+        """Of a render by photons.
+
+        Args:
+            caustic_share: 1 of so many samples of a pixel asks the caustic map.
+        """
         maps, way = self._plans.maps, trial.by_photons
         shot = sum(
             maps[number].paths * PHOTON_PATH * self._ray + self._plans.expected[number] * STORED_PHOTON
@@ -84,7 +88,7 @@ class Prices:
         caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
         asks = 1.0 + way.vertices
         onward = 1.0 + trial.unread * trial.by_paths.vertices  # places that a gather ray comes to
-        sample, records = self._rays(way) + asks * caustic, 0.0
+        sample, records = self._rays(way) + asks * caustic / caustic_share, 0.0
         if settings.final_gathers:  # the rays read what was gathered ahead
             shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
         if settings.algorithm.has_irradiance_cache(settings):

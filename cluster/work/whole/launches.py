@@ -176,6 +176,8 @@ class TraceLaunches:
             found.k, found.k_of_rays = k, fewer_of_rays(k)
             found.r_max, found.r_least = plan.radius, least_of(plan, self.replica.world)
             found.point_area, found.scale = plan.point_area, 1.0 / plan.paths
+            found.run, found.asks = self._view.caustic_turn if number == CAUSTIC_MAP else (1, 1)
+            found.share = found.run / found.asks
         return found
 
     @property

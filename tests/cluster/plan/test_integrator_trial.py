@@ -35,7 +35,7 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Plastic, ThinDielectric
 from wdpm.scenes.model.lights import PointLight
-from wdpm.scenes.model.scene import Material, Scene
+from wdpm.scenes.model.scene import FilterKind, Material, PixelFilter, Scene
 
 LARGE = cornell_box((512, 512))
 SMALL = cornell_box((16, 12))
@@ -64,6 +64,18 @@ def with_lamp(scene: Scene, side: float) -> Scene:
     radiance = tuple(value / side**2 for value in lamp.emission)
     smaller = replace(lamp, vertices=middle + (lamp.vertices - middle) * side, emission=radiance)
     return replace(scene, meshes=tuple(smaller if mesh is lamp else mesh for mesh in scene.meshes))
+
+
+def test_a_sample_asks_the_caustic_map_for_others_where_what_these_see_of_it_is_much_alike() -> None:
+    scene = cornell_box((64, 64))
+    faint, bright = mirrored(scene, Plastic()), mirrored(scene)
+    assert settled(faint, spp=16).caustic_share == 4
+    assert "caustics: 1 of 4 samples of a pixel asks their map for all" in "; ".join(settled(faint, spp=16).chose)
+    assert settled(faint, spp=4).caustic_share == 1, "edges want several"
+    assert settled(bright, spp=16).caustic_share == 1, "sharp beside a mirror"
+    assert not any("samples of a pixel asks" in line for line in settled(bright, spp=16).chose)
+    signed = replace(faint, camera=replace(faint.camera, filter=PixelFilter(FilterKind.MITCHELL, 2.0)))
+    assert settled(signed, spp=16).caustic_share == 1, "weights are balanced over all samples"
 
 
 def with_bulb(scene: Scene) -> Scene:
@@ -230,7 +242,7 @@ def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float)
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, figures, NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, noises)
+    trial = Trial(figures, figures, NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, 0.0, noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
@@ -304,7 +316,7 @@ def trial_of(figures: Figures, noise: float) -> Trial:
     settings = RenderSettings(integrator=Integrator.PHOTONS, light_samples=4)
     by_photons = Figures(settings, noise=noise, of_indirect=0.0, vertices=0.0, light_samples=4, indirect=0.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    return Trial(by_photons, figures, NO_CAUSTICS, 1.0, 0.0, (None, None), 0.0, noises)
+    return Trial(by_photons, figures, NO_CAUSTICS, 1.0, 0.0, (None, None), 0.0, 0.0, noises)
 
 
 def by_paths(noise: float) -> Figures:
