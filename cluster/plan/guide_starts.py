@@ -25,9 +25,12 @@ TRIED_FIRST = 4
 
 
 def sky_share(looks: LightLooks) -> float:
-    """Share of the environment, the last choice, in the second moment of all light; 1 where nothing arrives."""
-    moments = (looks.chance * looks.square).sum(axis=0)
-    return float(moments[-1] / moments.sum()) if moments.any() else 1.0
+    """Share of the environment, the last choice, in the second moment of all light; 1 where nothing arrives.
+
+    Places count by the share of theirs: a patch of sun says nothing of what is about it, which the sky alone lights.
+    """
+    moments = looks.chance * looks.square
+    return 1.0 - ratio_of(moments[:, :-1].sum(axis=1), moments.sum(axis=1)) if moments.any() else 1.0
 
 
 def learn_starts(pilot: GuidePilot, first: LightLooks, distant: Array, tiles: LightGuide) -> tuple[LightGuide, float]:
@@ -64,7 +67,7 @@ def _tried(places: NDArray[np.float32], looks: LightLooks) -> float:
     teaches = np.arange(len(places)) % 2 == 0
     regions = divide(places[teaches], PLACES_A_REGION)
     region = regions.of(places[~teaches])
-    return _moment(_factors(regions, looks.square[teaches])[region], looks, ~teaches, region)
+    return _moment(_factors(regions, looks.square[teaches])[region], looks, ~teaches)
 
 
 def _factors(regions: Regions, square: Array) -> Array:
@@ -82,12 +85,11 @@ def _factors(regions: Regions, square: Array) -> Array:
     return (1.0 - UNGUIDED) * share + UNGUIDED
 
 
-def _moment(factor: Array, looks: LightLooks, tries: NDArray[np.bool_], region: NDArray[np.int64]) -> float:
+def _moment(factor: Array, looks: LightLooks, tries: NDArray[np.bool_]) -> float:
     """Second moment of light with factors at some places over that without; 1 where nothing arrives."""
     chance, square = looks.chance[tries], looks.square[tries]
     learnt = chance * factor
     whole = learnt.sum(axis=1, keepdims=True)
     guided_chance = np.divide(learnt, whole, out=np.zeros_like(learnt), where=whole > 0)
     terms = np.divide(chance**2 * square, guided_chance, out=np.zeros_like(learnt), where=guided_chance > 0)
-    guided = np.bincount(region, terms.sum(axis=1))
-    return ratio_of(guided, np.bincount(region, (chance * square).sum(axis=1), len(guided)))
+    return ratio_of(terms.sum(axis=1), (chance * square).sum(axis=1))

@@ -76,7 +76,7 @@ def _moment(pilot: GuidePilot, looks: Looks, teaches: NDArray[np.bool_], tries: 
 
 
 def ratio_of(guided: NDArray[Any], without: NDArray[Any]) -> float:
-    """Mean ratio of second moments of regions, dark regions for less; 1 where nothing arrives."""
+    """Mean ratio of second moments of regions or places, dark ones for less; 1 where nothing arrives."""
     if not without.any():
         return 1.0
     weight = 1.0 / (without + without.mean())

@@ -34,3 +34,5 @@ def _lamps() -> list[Mesh]:
 POINT = PointLight("point", (0.5, 0.0, 1.0), (0.2, 0.2, 0.2))
 SUN = DirectionalLight("sun", (-0.3, -0.9, 0.1), (30.0, 30.0, 30.0))
 """Above the closed ceiling and the wall to the right: it reaches nothing."""
+SUN_IN_THE_WINDOW = DirectionalLight("sun", (0.8, -0.6, 0.3), (30.0, 30.0, 30.0))
+"""Shines through the window of window_room's room."""

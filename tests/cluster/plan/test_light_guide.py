@@ -126,6 +126,15 @@ def test_a_sun_above_the_roof_is_asked_less_than_the_sky_in_the_window() -> None
     np.testing.assert_allclose(found.distant.sum(axis=1), 1.0, rtol=1e-5)
 
 
+def test_a_patch_of_sun_does_not_hide_that_the_rest_of_a_room_has_the_sky_alone() -> None:
+    """The sun sends nearly all light there is, but through the window to a twentieth of the places only."""
+    room = window_room.room(window_room.constant_sky())
+    power = flatten(replace(room, lights=(two_rooms.SUN_IN_THE_WINDOW, *room.lights))).lights.power
+    assert power[-2] > 4 * power[-1]
+    found = guide_of(replace(room, lights=(two_rooms.SUN_IN_THE_WINDOW, *room.lights)))
+    assert found.chance.shape[1:] == (guide.TILE_ROWS, guide.TILE_COLUMNS)
+
+
 def test_lamps_that_reach_everywhere_are_chosen_as_ever() -> None:
     lamps = [replace(two_rooms.POINT, name=f"point {x}", position=(x, 0.5, 1.0)) for x in (-0.5, 0.5)]
     assert len(guide_of(replace(window_room.room(), lights=tuple(lamps)))) == 0
