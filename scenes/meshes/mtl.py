@@ -67,7 +67,7 @@ def read_mtl(file: Path, warnings: list[str]) -> Mapping[str, MtlMaterial]:
 def _read_entries(file: Path) -> list[_Entry]:
     check_within(file)
     entries: list[_Entry] = []
-    for number, line in enumerate(file.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(file.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         words = line.partition("#")[0].split()
         if not words:
             continue

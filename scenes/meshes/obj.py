@@ -113,7 +113,7 @@ def read_by_lines(file: Path) -> ObjFile:
         OSError: it cannot be read.
         SceneError: with file and line; also if there is no face.
     """
-    return _Parser(file).parse(file.read_text(encoding="utf-8", errors="replace"))
+    return _Parser(file).parse(file.read_text(encoding="utf-8-sig", errors="replace"))
 
 
 class _Parser:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -47,7 +48,7 @@ def read_plain_obj(file: Path, piece: int = PIECE) -> ObjFile | None:
 def _ranges(file: Path, size: int) -> Iterator[tuple[int, int]]:
     """Where pieces of the text begin and end, cut between lines."""
     with file.open("rb") as stream:
-        begin = 0
+        begin = len(BOM_UTF8) if stream.read(len(BOM_UTF8)) == BOM_UTF8 else 0  # which editors on Windows put there
         while stream.seek(begin + size - 1) < (length := os.fstat(stream.fileno()).st_size):
             stream.readline()
             yield begin, stream.tell()

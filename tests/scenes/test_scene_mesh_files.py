@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from wdpm.scenes import Dielectric, Diffuse, SceneError, TwoSided, flatten, load
 from wdpm.scenes.meshes.mesh_data import MeshData, merge_corners, triangulate_fans
+from wdpm.scenes.meshes.mtl import read_mtl
 from wdpm.scenes.meshes.obj import read_obj
 from wdpm.scenes.meshes.off import read_off
 from wdpm.scenes.meshes.ply import read_ply
@@ -66,6 +67,19 @@ def test_obj_oddities(tmp_path: Path) -> None:
     assert len(found.mesh.faces) == 1
     assert len(found.warnings) == 1
     assert 'm.obj:9: unknown keyword "what"' in found.warnings[0]
+
+
+@pytest.mark.parametrize("end", ["", "f 1 \\\n 2 3\n"], ids=["by arrays", "by lines"])
+def test_a_byte_order_mark_hides_no_vertex_and_no_material(tmp_path: Path, end: str) -> None:
+    """Counted back from a face, the vertex behind it was missed without an error: the face had others' corners."""
+    text = "v 5 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\nmtllib m.mtl\nusemtl red\nf 1 2 3\nf -1 -3 -4\n" + end
+    mark = "\N{ZERO WIDTH NO-BREAK SPACE}"
+    (tmp_path / "m.mtl").write_text(f"{mark}newmtl red\nKd 1 0 0\n", encoding="utf-8")
+    (tmp_path / "m.obj").write_text(mark + text, encoding="utf-8")
+    found = read_obj(tmp_path / "m.obj")
+    assert not found.warnings
+    np.testing.assert_array_equal(found.mesh.vertices[found.mesh.faces[1]], [[0, 1, 0], [0, 0, 0], [5, 0, 0]])
+    assert read_mtl(tmp_path / "m.mtl", []).keys() == {"red"}
 
 
 def test_obj_corner_without_normal_makes_its_triangle_flat(tmp_path: Path) -> None:
