@@ -232,6 +232,42 @@ def test_what_is_not_reached_says_what_would_help() -> None:
     assert "INTERRUPTED" in said(0.085, 0.001, Ending.INTERRUPTED)
 
 
+def test_a_dark_picture_says_that_its_figure_tells_little() -> None:
+    """relMSE adds 0.01 to squares: a picture of a hundredth of the radiance meets almost any goal, by noise alone."""
+    trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    schedule = Schedule(trial.settings, trial, 1.0, 0.1, 0.1)
+    times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
+
+    def said(goal: Goal, stops: float) -> str:
+        return "\n".join(outcome_of(goal, schedule, None, 4, times, Ending.DONE, stops).lines())
+
+    assert "5.0 stops too dark" in said(Goal(0.02), 5.0)
+    assert "what 0.02 is in a picture as bright as others, 2e-05 is here" in said(Goal(0.02), 5.0)
+    assert "5.0 stops too dark" in said(Goal(seconds=5.0), 5.0)
+    assert "too dark" not in said(Goal(0.02), 1.5)
+    assert "too dark" not in said(Goal(0.02, Metric.RMSE), 5.0)
+
+
+def test_darkness_is_that_of_the_picture(scene: Scene) -> None:
+    lamp = next(mesh for mesh in scene.meshes if mesh.emission is not None)
+    dim = replace(lamp, emission=(0.01, 0.01, 0.01))
+    dark = replace(scene, meshes=tuple(dim if mesh is lamp else mesh for mesh in scene.meshes))
+    bright, dark_image = (wdpm.render(each, until_error=0.5, threads=2, **FEW) for each in (scene, dark))
+    assert bright.metadata["asked"]["stops"] < 3 < dark_image.metadata["asked"]["stops"]
+    assert any("too dark" in line for line in dark_image.metadata["asked"]["lines"])
+
+
+def test_paths_are_not_told_that_they_have_no_photon_maps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`indirect` was set by the search itself, and a warning named it as a choice without effect."""
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, "--until-error", "0.5", "--integrator", "path", "-o", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "no effect" not in said
+    (repeat,) = (line for line in said.splitlines() if line.startswith("to repeat"))
+    assert "--integrator path" in repeat
+    assert "--indirect" not in repeat
+
+
 def test_an_error_of_nothing_is_not_foretold() -> None:
     """A pilot that saw no noise, as where a point light alone shines on what few photons reach, knows no error."""
     noisy = Trial(RenderSettings(passes=2, spp=2), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)

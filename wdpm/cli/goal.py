@@ -12,7 +12,7 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli.options import SETTING_OPTIONS, chosen_settings, look_words, scene_words
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.backend import Backend
 from wdpm.scenes.errors import SettingsError
 
@@ -108,10 +108,12 @@ def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
     words = ["wdpm", "render", *scene_words(args)]
     defaults = {field.name: field.default for field in fields(RenderSettings)}
     given = chosen_settings(args)
+    ignored = RenderSettings(integrator=Integrator(settings["integrator"])).algorithm.ignored
     for option in SETTING_OPTIONS:
         value, default = settings[option.field], defaults[option.field]
         default = default.value if isinstance(default, Enum) else default
-        if value == default and option.field not in given and option.field not in ("spp", "max_depth"):
+        of_no_effect = value == default or option.field in ignored
+        if of_no_effect and option.field not in given and option.field not in ("spp", "max_depth"):
             continue
         flag = "--" + option.field.replace("_", "-")
         if option.parse is None:

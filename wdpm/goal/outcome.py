@@ -10,7 +10,11 @@ from typing import Any
 from wdpm.goal.convergence import Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.schedule import Schedule
+from wdpm.images.comparison import RELATIVE_FLOOR
 from wdpm.report.report import ErrorFigure
+
+DARK_STOPS = 3.0
+"""More than so many stops too dark, most of a picture's radiance squared is below what relMSE adds to it."""
 
 
 class Ending(Enum):
@@ -37,6 +41,7 @@ class Outcome:
         passes, samples: that were rendered; samples are those of each pass.
         seconds: of the passes; predicted_seconds: the same, as the pilot told; pilot_seconds: of the pilot.
         compile_seconds: that went by for compiling.
+        stops: of exposure that would show the image as it should be seen.
         expected: error that the chosen settings were expected to reach, in the goal's metric.
         why: what was chosen, and for what reason.
     """
@@ -54,6 +59,7 @@ class Outcome:
     predicted_seconds: float
     pilot_seconds: float
     compile_seconds: float
+    stops: float
     expected: float
     why: str
 
@@ -77,6 +83,8 @@ class Outcome:
                 f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}, at most {self.most_bias:.2g}); the render "
                 "stops by this estimate, which allows for rare light that no pass may have met"
             )
+        if goal.metric.is_relative and self.stops > DARK_STOPS:
+            found.append(self._dark())
         found.append(
             f"{passes_in_words(self.passes, self.samples)} in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
             f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
@@ -89,12 +97,24 @@ class Outcome:
             )
         return found
 
+    def _dark(self) -> str:
+        """That the figure says little, and which one would."""
+        found = (
+            f"the picture is {self.stops:.1f} stops too dark to be seen as it is, and relMSE, which adds "
+            f"{RELATIVE_FLOOR:g} to squares of radiance, hardly sees errors in it"
+        )
+        if self.goal.error is None:
+            return found
+        same = self.goal.error / 4.0**self.stops
+        return f"{found}: what {self.goal.error:g} is in a picture as bright as others, {same:.1g} is here"
+
     def _obstacle(self) -> str:
         """Why the error was not reached, and what may help."""
         if self.ending is Ending.OUT_OF_TIME:
             return "time was up"
         if not self.noise > self.bias:
-            return "what is left is mostly bias, which more passes lessen slowly: try more photons"
+            found = "what is left is mostly bias, which more passes lessen slowly"
+            return f"{found}: try more photons, or --integrator path, which has none"
         times = math.ceil(self.noise / max(self.goal.mean_square, 1e-300))
         if times > 1000:
             return "what is left is mostly noise, and so small an error is out of reach"
@@ -119,7 +139,13 @@ def in_metric(metric: Metric, figure: ErrorFigure) -> ErrorFigure:
 
 
 def outcome_of(
-    goal: Goal, schedule: Schedule, estimate: Estimate | None, passes: int, times: dict[str, float], ending: Ending
+    goal: Goal,
+    schedule: Schedule,
+    estimate: Estimate | None,
+    passes: int,
+    times: dict[str, float],
+    ending: Ending,
+    stops: float = 0.0,
 ) -> Outcome:
     """From what was measured; `times` are the three of Outcome."""
     return Outcome(
@@ -133,6 +159,7 @@ def outcome_of(
         passes=passes,
         samples=schedule.samples,
         predicted_seconds=schedule.seconds,
+        stops=stops,
         expected=goal.metric.figure(schedule.error),
         why=reasons(schedule),
         **times,

@@ -18,6 +18,7 @@ from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Clock
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.image import Image
+from wdpm.images.view_transform import auto_exposure
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.adaptive import weight_of
 from wdpm.rendering.backend import Backend
@@ -132,8 +133,9 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
         "pilot_seconds": pilot.seconds,
         "compile_seconds": pilot.compile_seconds,
     }
-    outcome = outcome_of(goal, schedule, done.estimate, len(done.average.plans), times, done.ending)
     image = done.average.image()
+    stops = auto_exposure(image.pixels)
+    outcome = outcome_of(goal, schedule, done.estimate, len(done.average.plans), times, done.ending, stops)
     image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
     match done.error:
         case KeyboardInterrupt():

@@ -197,8 +197,10 @@ class TrialPilot:
 
     def _first(self) -> RenderSettings:
         algorithm = self.settings.algorithm
+        if not algorithm.shoots_photons:
+            return self.settings  # as they were given: a warning names what has no effect
         settings = replace(self.settings, indirect=algorithm.kinds_to_try(self.settings)[0])
-        if PHOTON_FIELDS & self.fixed or not algorithm.shoots_photons:
+        if PHOTON_FIELDS & self.fixed:
             return settings
         fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
         return replace(settings, **fewer)
@@ -228,6 +230,8 @@ class TrialPilot:
         return cost < WORTH * schedule.seconds and (tried is None or cost < tried.seconds - schedule.seconds)
 
     def _kinds_left(self) -> Sequence[Indirect]:
+        if not self.settings.algorithm.shoots_photons:
+            return ()
         tried = {trial.settings.indirect for trial in self.trials}
         return [kind for kind in self.settings.algorithm.kinds_to_try(self.settings) if kind not in tried]
 
