@@ -46,7 +46,9 @@ def read_daylight(plugin: Plugin, *, old_axes: bool, warnings: list[str]) -> Env
     if old_axes and plugin.take_float("stretch", 1.0) != 1.0:
         plugin.rules.refuse(stretch, f"{plugin}: stretch is not supported", "the sky is not stretched")
     if light.elevation < 0.0:
-        warnings.append(f"line {plugin.line}: {plugin}: the sun is below the horizon: the sky is black")
+        up = "+y" if old_axes else "+z"
+        black = f"the sun is below the horizon: the sky is black (its up is {up}, unless to_world turns it)"
+        warnings.append(f"line {plugin.line}: {plugin}: {black}")
     pixels = sky.sky_map(light)
     size = f"{pixels.shape[1]}x{pixels.shape[0]}"
     warnings.append(f"line {plugin.line}: {plugin}: the model of {sky.MODEL} as an environment map of {size} pixels")

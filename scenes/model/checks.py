@@ -17,6 +17,9 @@ from wdpm.scenes.model.scene import Camera, Instance, Material, Mesh, Scene, Sol
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
 from wdpm.scenes.model.volumes import Volume
 
+MOST_WARNINGS = 5
+"""That an error repeats."""
+
 
 def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     """Returns the scene, or says what is wrong with it.
@@ -38,7 +41,7 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
         for medium in (mesh.interior, mesh.exterior):
             _check_medium(medium, f'mesh "{mesh.name}"', scene, file)
     if sum(len(mesh.faces) for mesh in scene.meshes) == 0:
-        raise SceneError("the scene is empty: it has no triangles", file)
+        raise SceneError(f"the scene is empty: it has no triangles{_as_read(scene)}", file)
     for each in scene.media:
         if not _all_sound((*each.sigma_t, *each.albedo)):
             raise SceneError(f'medium "{each.name}": sigma_t or albedo is negative or not finite in float32', file)
@@ -195,7 +198,16 @@ def _check_lights(scene: Scene, file: Path | None) -> None:
         _check_medium(light.medium, f'light "{light.name}"', scene, file)
     glowing = any(len(mesh.faces) and _is_bright(mesh.emission) for mesh in scene.meshes)
     if not glowing and not any(light.strength.max(initial=0.0) > 0 for light in scene.lights):
-        raise SceneError("the scene has no light: nothing would be seen; add an area or a point emitter", file)
+        found = "the scene has no light: nothing would be seen; add an area or a point emitter"
+        raise SceneError(f"{found}{_as_read(scene)}", file)
+
+
+def _as_read(scene: Scene) -> str:
+    """What the loader warned of, behind an error that says that something is missing: it may well be the reason."""
+    told = scene.warnings[:MOST_WARNINGS]
+    more = len(scene.warnings) - len(told)
+    rest = f", and {more} more" if more else ""
+    return f" (warnings: {'; '.join(told)}{rest})" if told else ""
 
 
 def _is_bright(emission: Color | None) -> bool:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.images.read import read_texture
 from wdpm.scenes.load import load
+from wdpm.scenes.model.checks import check_scene
 
 OF_ANOTHER_KIND = "cannot be read as an image: it is broken, or of another kind than its name says"
 
@@ -54,6 +57,28 @@ def test_scenes(body: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         load(file)
     assert str(caught.value) == f"{file}{said}"
+
+
+def test_what_is_missing_is_told_with_what_was_read_with_a_warning(tmp_path: Path) -> None:
+    """A sun in the axes of others is below the horizon: "no light" alone said nothing of it."""
+    file = tmp_path / "a.xml"
+    night = '<emitter type="sky"><vector name="sun_direction" value="0, 1, -0.1"/></emitter>'
+    file.write_text(f'<scene version="3.0.0"><shape type="cube"/>{night}</scene>', encoding="utf-8")
+    with pytest.raises(SceneError) as caught:
+        load(file)
+    said = str(caught.value)
+    assert "the scene has no light" in said
+    assert "the sun is below the horizon: the sky is black (its up is +z, unless to_world turns it)" in said
+
+
+def test_no_more_than_some_warnings_are_told() -> None:
+    box = cornell_box((4, 4))
+    dark = tuple(replace(mesh, emission=None) for mesh in box.meshes)
+    with pytest.raises(SceneError) as caught:
+        check_scene(replace(box, meshes=dark, warnings=tuple(f"note {number};" for number in range(9))))
+    assert "note 4;" in str(caught.value)
+    assert "note 5;" not in str(caught.value)
+    assert "and 4 more" in str(caught.value)
 
 
 @pytest.mark.parametrize(
