@@ -60,7 +60,7 @@ def test_another_view_is_the_same_on_any_cluster(box: Scene, saved: tuple[Path, 
     ],
 )
 def test_records_of_other_photons_are_refused(box: Scene, saved: tuple[Path, Image], other: dict[str, Any]) -> None:
-    with pytest.raises(ImageError, match="of another scene, or of other photons"):
+    with pytest.raises(ImageError, match=r"of another scene, or of other photons; .* --indirect cache for both"):
         render(box, load_cache=saved[0], **{**FEW, **other})
 
 

@@ -140,7 +140,8 @@ def read_records(path: Path, scene: str) -> Records:
     if of_scene != scene:
         raise ImageError(
             f"{path}: its irradiance records are of another scene, or of other photons; only the camera, its samples "
-            "and what changes no bit may differ"
+            "and what changes no bit may differ; give --indirect cache for both, since a render that is free to choose "
+            "takes as many photons as its camera and samples ask for"
         )
     return _records(path, arrays)
 
