@@ -229,7 +229,7 @@ class Camera:
     medium: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """All that is rendered.
 
@@ -252,6 +252,12 @@ class Scene:
     warnings: tuple[str, ...] = ()
     media: tuple[Medium, ...] = ()
     exposure: float | None = 0.0
+
+    def __repr__(self) -> str:
+        """One line, not all its arrays, which a prompt would print and a notebook keep."""
+        triangles = sum(len(mesh.faces) for mesh in self.meshes)
+        size = f"{self.camera.width}x{self.camera.height}"
+        return f"<Scene {self.name!r}: {triangles:,} triangles in {len(self.meshes):,} meshes, {size} pixels>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows: what is in it, its largest meshes, and the warnings."""

@@ -59,6 +59,13 @@ def test_names_of_a_file_are_escaped() -> None:
     assert "<script>" not in text
 
 
+def test_a_prompt_shows_a_line_and_no_arrays() -> None:
+    scene = wdpm.load("cornell-box", size=(8, 6))
+    assert repr(scene) == "<Scene 'cornell-box': 32 triangles in 8 meshes, 8x6 pixels>"
+    image = wdpm.render(scene, spp=1, photons=500)
+    assert repr(image) == f"<Image 8x6: {', '.join(image.layers)}>"
+
+
 def test_a_report_is_what_the_terminal_shows() -> None:
     light = LightPhotons(EVIL, 10, 5, 1.0)
     slave = SlaveReport("anna", 1, 1_000, 5, 2, 0, 0, 0, 0, 0.5, 1 << 20)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from wdpm.report.notebook import NotebookReport
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Image:
     """An image with its layers. Row 0 is the top.
 
@@ -54,6 +54,11 @@ class Image:
                 )
         if height == 0 or width == 0:
             raise ImageError(f"an image needs at least one pixel (got {width}x{height})")
+
+    def __repr__(self) -> str:
+        """One line, not all pixels and the report, which a prompt would print and a notebook keep."""
+        height, width = self.shape
+        return f"<Image {width}x{height}: {', '.join(self.layers)}>"
 
     @property
     def pixels(self) -> NDArray[np.float32]:
