@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
-from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import choose_integrator, reason_for_photons, trial_features
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
+from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.trial.caustic_share import share_in_words
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.pixel_filter import is_signed
@@ -61,14 +59,14 @@ def choose_settings(
     if not settings.algorithm.stands_for_others:
         if settings.algorithm.shoots_photons and (bright := too_bright_for_photons(flat)):
             raise SceneError(f"{bright}; dim all lamps alike, or render by paths (--integrator path)")
-        return _settled(flat, settings, launcher, compile_for)
+        return _settled(flat, settings)
     if bright := too_bright_for_photons(flat):
         if why := reason_for_photons(flat, settings):
             raise SceneError(f"{bright}; dim all lamps alike (integrator: {why})")
-        by_paths = _settled(flat, replace(settings, integrator=Integrator.PATH), launcher, compile_for)
+        by_paths = _settled(flat, replace(settings, integrator=Integrator.PATH))
         return replace(by_paths, chose=(f"integrator: path, since {bright}", *by_paths.chose))
     if why := reason_for_photons(flat, settings):
-        by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
+        by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS))
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
     compile_for(trial_features(flat, settings))
     by_map = replace(settings, integrator=Integrator.PHOTONS, indirect=Indirect.MAP)
@@ -99,23 +97,16 @@ def too_bright_for_photons(flat: FlatScene) -> str | None:
     return f'lamp "{lights.names[light]}" shines with {watts:.2g} W, and photons here carry up to {most:.2g} W'
 
 
-def _settled(
-    flat: FlatScene, settings: RenderSettings, launcher: Launcher, compile_for: Callable[[Features], object]
-) -> ChosenSettings:
-    """Where indirect light comes from, and how many shadow rays there are."""
+def _settled(flat: FlatScene, settings: RenderSettings) -> ChosenSettings:
+    """Where indirect light comes from, and how many shadow rays there are.
+
+    Also where few photons come to what is seen it is the cache: its gather rays go on where they find none, but where a
+    map is read there is nothing else. Of four such scenes it had 0.02 to 0.16 of the map's relMSE, for 1.0 to 3.3 of
+    its time.
+    """
     indirect, why = settings.algorithm.choose(flat, settings)
     chosen = _with_light_samples(flat, replace(settings, indirect=indirect))
-    chose = () if why is None else (why,)
-    if why is None or not chosen.algorithm.has_irradiance_cache(chosen):
-        return ChosenSettings(chosen, chose)
-    features = features_of(flat, chosen)
-    compile_for(features)
-    pilot = fly_pilot(flat, features, chosen, launcher)
-    unread = unread_share(flat, pilot, chosen)
-    if unread <= MOST_UNREAD:
-        return ChosenSettings(chosen, chose, pilot)
-    words = f"indirect light: map, since {unread:.0%} of gather rays would find no photons within reach"
-    return ChosenSettings(replace(chosen, indirect=Indirect.MAP), (words,), pilot)
+    return ChosenSettings(chosen, () if why is None else (why,))
 
 
 def _with_light_samples(flat: FlatScene, settings: RenderSettings) -> RenderSettings:

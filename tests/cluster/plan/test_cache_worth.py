@@ -1,7 +1,8 @@
-"""`--indirect auto`: an irradiance cache where gather rays find photons where they arrive, the photon map where not."""
+"""`--indirect auto` with photons: an irradiance cache, also where few photons come to what is seen."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,9 +11,6 @@ import pytest
 from two_rooms import rooms
 
 import wdpm
-from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
-from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.photon_pilot import fly_pilot
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.kernels.compile import compile_kernels
@@ -22,8 +20,6 @@ from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene
-
-CACHED = RenderSettings(indirect=Indirect.CACHE)
 
 MOST_BLOTCHES = 0.03
 """Root mean square of the relative error that is wider than 16 pixels, of 16 samples a pixel. Records that read photons
@@ -59,19 +55,23 @@ def settled(scene: Scene, **chosen: Any) -> ChosenSettings:
     return choose_settings(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
-def unread(scene: Scene, threads: int = 1) -> float:
-    flat = flatten(scene)
-    return unread_share(flat, fly_pilot(flat, features_of(flat, CACHED), CACHED, Launcher("cpu", threads)), CACHED)
+@pytest.mark.parametrize("scene", [lit_from_above, lit_by_its_ceiling, lit_next_door])
+def test_a_cache_is_chosen_wherever_the_photons_are(scene: Callable[[], Scene]) -> None:
+    found = settled(scene())
+    assert found.settings.indirect is Indirect.CACHE
+    assert found.chose[0].startswith("indirect light: cache, since ")
 
 
-def test_a_cache_is_chosen_where_its_gather_rays_find_photons_and_the_map_where_they_do_not() -> None:
-    bright, by_ceiling, next_door = (settled(scene()) for scene in (lit_from_above, lit_by_its_ceiling, lit_next_door))
-    assert bright.settings.indirect is by_ceiling.settings.indirect is Indirect.CACHE
-    assert next_door.settings.indirect is Indirect.MAP
-    assert next_door.chose[0].startswith("indirect light: map, since ")
-    assert next_door.chose[0].endswith(" of gather rays would find no photons within reach")
-    for found in (bright, by_ceiling, next_door):
-        assert found.pilot is not None
+def test_what_few_photons_reach_is_better_told_by_rays_that_go_on_than_by_a_map() -> None:
+    """Such a scene had the map, in which the few photons are blotches, and what they do not reach is black."""
+    scene = lit_next_door((48, 48))
+    truth = wdpm.render(scene, RenderSettings(integrator=Integrator.PATH, spp=1024, seed=100)).pixels
+    photons = RenderSettings(integrator=Integrator.PHOTONS, spp=16, photons=60_000)
+    by_map, by_cache = (
+        wdpm.render(scene, replace(photons, indirect=kind)).pixels for kind in (Indirect.MAP, Indirect.CACHE)
+    )
+    wrong_map, wrong_cache = (float(((pixels - truth) ** 2).mean()) for pixels in (by_map, by_cache))
+    assert wrong_cache < 0.5 * wrong_map
 
 
 def test_a_room_lit_by_its_ceiling_has_no_blotches() -> None:
@@ -91,10 +91,6 @@ def test_what_was_asked_for_is_not_tried() -> None:
         found = settled(lit_next_door(), indirect=kind)
         assert found.settings.indirect is kind
         assert (found.chose, found.pilot) == ((), None)
-
-
-def test_the_share_is_the_same_on_any_number_of_threads() -> None:
-    assert unread(lit_next_door(), 1) == unread(lit_next_door(), 2) > MOST_UNREAD
 
 
 def test_a_pilot_that_was_flown_to_choose_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Where indirect light comes from with photons, before the pilot has its say (test_cache_worth): both ways."""
+"""Where indirect light comes from with photons, both ways."""
 
 from __future__ import annotations
 
