@@ -10,16 +10,19 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.session import Session
 
-TASKS_A_PROCESS = 8
-"""Photon tasks for each of several processes: so many that they end together, ..."""
+TASKS_A_SLAVE = 8
+"""Photon tasks for each of several slaves: so many that they end together, ..."""
 
 PHOTON_TASK_LEAST = 4096
 """... and paths of each, so that what a launch costs the interpreter does not count."""
 
 
-def processes_of(session: Session, member: Member) -> int:
-    """Most tasks that a slave does at once: several only where tasks need no other slave."""
-    return 1 if session.is_divided else member.hello.processes
+def processes_of(session: Session, member: Member, *, photons: bool = False) -> int:
+    """Most tasks that a slave does at once: several only where tasks need no other slave, and none of photons.
+
+    Those a slave traces one after another, with all its threads at each (cluster.slave.jobs.Compute).
+    """
+    return 1 if session.is_divided or photons else member.hello.processes
 
 
 def concurrent_tasks(session: Session, members: Members, teams: int) -> int:
@@ -67,8 +70,13 @@ def parallel_record_tasks(session: Session, members: Members, teams: int, rays: 
 
 
 def parallel_tasks(session: Session, members: Members, teams: int) -> int:
-    """Tasks of photons and of pixels that are computed at a time without waiting for each other."""
+    """Tasks of pixels that are computed at a time without waiting for each other."""
     return min(concurrent_tasks(session, members, teams), tasks_with_cores(session, members, teams))
+
+
+def parallel_photon_tasks(session: Session, members: Members, teams: int) -> int:
+    """Tasks of photons that are computed at a time without waiting for each other."""
+    return min(teams if session.is_divided else len(members), tasks_with_cores(session, members, teams))
 
 
 def _tasks_in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
@@ -127,25 +135,27 @@ def capacities(
     Args:
         working: those slaves.
     """
-    limit, tasks = _tasks_in_flight(session, limits, photons=photons), concurrent_tasks(session, members, teams)
-    return [_capacity_of(session, member, limit, tasks) for member in working]
+    limit = _tasks_in_flight(session, limits, photons=photons)
+    tasks = parallel_photon_tasks if photons else concurrent_tasks
+    at_once = tasks(session, members, teams)
+    return [_capacity_of(processes_of(session, member, photons=photons), member, limit, at_once) for member in working]
 
 
-def _capacity_of(session: Session, member: Member, limit: int, tasks: int) -> Capacity:
+def _capacity_of(at_once: int, member: Member, limit: int, tasks: int) -> Capacity:
     """How many tasks a slave may be handed.
 
     Args:
-        limit: tasks for each that the slave does at once.
+        at_once: tasks that it does at once.
+        limit: tasks for each of these.
         tasks: that all slaves do at once.
     """
-    at_once = processes_of(session, member)
     return Capacity(member, limit * at_once, at_once, max(tasks, at_once))
 
 
 def photon_task_size(session: Session, members: Members, teams: int, limits: ClusterLimits) -> int:
     """Photon paths a task: more slaves than their machines have cores get no smaller ones."""
     size = limits.photon_task_paths
-    tasks = parallel_tasks(session, members, teams)
+    tasks = parallel_photon_tasks(session, members, teams)
     if tasks > 1:
-        size = min(size, max(-(-session.world.paths // (TASKS_A_PROCESS * tasks)), PHOTON_TASK_LEAST))
+        size = min(size, max(-(-session.world.paths // (TASKS_A_SLAVE * tasks)), PHOTON_TASK_LEAST))
     return size

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from wdpm.cluster.batch import Batch
 from wdpm.cluster.task import TaskResult
 
 
@@ -14,13 +13,11 @@ class TaskShared:
     """A task is done.
 
     Attributes:
-        photons: that were stored meanwhile, as GHOST_PHOTONS.
         counted: by the worker meanwhile: {"values": what cluster.work.tally reads}.
         private_bytes: memory that the process shares with no other.
     """
 
     result: TaskResult
-    photons: Batch
     counted: dict[str, Any]
     private_bytes: int
 

@@ -19,7 +19,7 @@ from wdpm.cluster.host_memory import return_free_memory
 from wdpm.cluster.messages.protocol import Copy
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import NO_RECORDS, Records
-from wdpm.cluster.task import Task, TaskResult
+from wdpm.cluster.task import PhotonTask, Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
@@ -72,8 +72,6 @@ class TaskProcesses(Protocol):
     def set_view(self, view: View) -> None: ...
 
     def set_records(self, records: Records) -> None: ...
-
-    def forget_photons(self, plan: PhotonPlan) -> None: ...
 
     def let_go(self) -> None: ...
 
@@ -231,6 +229,9 @@ class Outcome:
 class Compute:
     """Runs jobs: one at a time here, but tasks in other processes, several at once, where the worker can be shared.
 
+    Photons are traced here even so, by threads: a task of them is one launch, after which they are where maps are built
+    of them, and other processes would have to be forked for what takes less time than to fork them.
+
     Args:
         make_worker: makes the compute object of a world.
         share: gives the processes that do a worker's tasks; None if it does them itself.
@@ -252,7 +253,7 @@ class Compute:
 
         Raises what the worker raises.
         """
-        if isinstance(job, StartTask) and self._elsewhere is not None:
+        if isinstance(job, StartTask) and self._elsewhere is not None and not isinstance(job.task, PhotonTask):
             self._tasks[job.task.number] = job
             self._elsewhere.start(job.task)
             return None
@@ -347,8 +348,6 @@ def _tell(processes: TaskProcesses, job: Job) -> None:
             processes.set_view(view)
         case SetRecords(records):
             processes.set_records(records)
-        case ForgetPhotons(plan):
-            processes.forget_photons(plan)
         case ReadStatistics():
             pass  # changes nothing
         case _:

@@ -2,10 +2,10 @@
 
 A forked process has the worker's cells, trees, maps and compiled kernels for nothing: the operating system copies a
 page only when it is written. It does the tasks that it is handed, and answers each with the task's result and its
-*share*: what the worker took in and counted meanwhile, which the parent adds to its own. So a process that is killed
-takes no more with it than the task it was at, and that is done again. What is small and changes often (the view,
-irradiance records, the plan of photons to come) the processes are told, and change as the worker does. Where more is
-asked of the worker than that (maps built of the photons), they end first, and the next task forks others.
+*share*: what the worker counted meanwhile, which the parent adds to its own. So a process that is killed takes no more
+with it than the task it was at, and that is done again. What is small and changes often (the view, irradiance records)
+the processes are told, and change as the worker does. Where more is asked of the worker than that (photons and their
+maps), they end first, and the next task forks others.
 
 Nothing is left behind, whoever is killed: streams are socket pairs without a name, a process ends when its parent
 does, and all end with the object that started them.
@@ -29,7 +29,6 @@ from typing import NoReturn
 
 import warp as wp
 
-from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.host_memory import PrivateMemory, keep_free_memory, return_free_memory
 from wdpm.cluster.messages import packing, protocol, shares
 from wdpm.cluster.messages.frames import Frame
@@ -37,7 +36,7 @@ from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.transport import stream
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import PhotonPlan, View
+from wdpm.cluster.world import View
 from wdpm.scenes import errors
 from wdpm.scenes.errors import ClusterError, WdpmError
 
@@ -47,7 +46,7 @@ MOST_LOSSES = 3
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 _FROM_SHARE = packing.by_name(shares.FromShare)
-_Change = protocol.SetView | protocol.SetRecords | protocol.ForgetPhotons
+_Change = protocol.SetView | protocol.SetRecords
 """What processes are told of the worker's changes, as slaves are. Epochs are 0: nothing is ever late here."""
 
 _FROM_PARENT = packing.by_name(protocol.StartTask | _Change)
@@ -137,10 +136,6 @@ class ForkedTasks:
         """The worker will have these irradiance records in place of those before; so will the processes."""
         self._tell(protocol.SetRecords(0, records))
 
-    def forget_photons(self, plan: PhotonPlan) -> None:
-        """The worker will let go of its photons, and trace others by this plan; so will the processes."""
-        self._tell(protocol.ForgetPhotons(0, plan))
-
     def stop(self) -> None:
         """End the processes, whatever they are at; the worker may change then. May be called again."""
         self.let_go()
@@ -224,7 +219,7 @@ class ForkedTasks:
             raise _error_of(answer)
         process.private_bytes = answer.private_bytes
         together = sum(process.private_bytes for process in self._processes)
-        self._worker.add_share(answer.photons.arrays, answer.counted["values"], together)
+        self._worker.add_share(answer.counted["values"], together)
         return answer.result
 
     def _replace(self, lost: _Process) -> None:
@@ -325,8 +320,6 @@ def _change(worker: CellWorker, change: _Change) -> None:
             worker.set_view(view)
         case protocol.SetRecords(_, records):
             worker.set_records(records)
-        case protocol.ForgetPhotons(_, plan):
-            worker.forget_photons(plan)
     worker.take_share()
 
 
@@ -336,8 +329,6 @@ def _answer(worker: CellWorker, task: Task, memory: PrivateMemory) -> shares.Fro
         outbox = worker.start(task)
         if outbox.batches or len(outbox.results) != 1:
             raise AssertionError(f"task {task.number} was not done by itself")
-        photons, values = worker.take_share()
-        batch = Batch.of_task(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons)
-        return shares.TaskShared(outbox.results[0], batch, {"values": values}, memory.bytes())
+        return shares.TaskShared(outbox.results[0], {"values": worker.take_share()}, memory.bytes())
     except Exception as error:
         return shares.TaskFailed(type(error).__name__, str(error), traceback.format_exc())

@@ -121,16 +121,6 @@ class PhotonStore:
                 self._own.add(photons)
                 self.count += self.counters.add(photons, light)
 
-    def take_new(self) -> Arrays:
-        """The photons stored since this was last asked, which are let go of: another store takes them in."""
-        photons = self.so_far()
-        self._own.clear()
-        return photons
-
-    def add_new(self, photons: Arrays) -> None:
-        """Take in photons of this cell that another store gave. They are counted there."""
-        self._own.add(photons)
-
     def add_copies(self, photons: Arrays, lender: int) -> None:
         """Take in photons of this cell that landed in another team. They are counted there.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, pieces, take, zeros
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Batch, Kind, by_home, pieces, take, zeros
 from wdpm.cluster.host_cache import HostCache
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.outbox import Outbox
@@ -313,29 +313,26 @@ class CellWorker:
         return len(self.holders) == 1
 
     def become_share(self) -> None:
-        """Be one of several processes that share this worker's tasks, from here on: take in and count anew.
+        """Be one of several processes that share this worker's tasks, from here on: count anew.
 
         What is computed is computed on one core, since the others are for the other processes.
         """
         self.replica.launcher.use_one_thread()
         self.take_share()
 
-    def take_share(self) -> tuple[Arrays, list[Any]]:
-        """The photons that were stored since this was last asked, and what was counted, as plain data."""
-        photons = concatenate([cell.store.take_new() for cell in self.cells.values()], Kind.GHOST_PHOTONS)
+    def take_share(self) -> list[Any]:
+        """What was counted since this was last asked, as plain data."""
         counters = self._counters()
         values = tally.read(counters)
         tally.clear(counters)
-        return photons, values
+        return values
 
-    def add_share(self, photons: Arrays, values: Sequence[Any], private_bytes: int) -> None:
-        """Take in what a share of this worker gave.
+    def add_share(self, values: Sequence[Any], private_bytes: int) -> None:
+        """Take in what a share of this worker counted.
 
         Args:
             private_bytes: what all shares together have in memory for themselves.
         """
-        for cell in self.cells.values():
-            cell.store.add_new(photons)
         tally.add(self._counters(), values)
         self._shares_bytes = max(self._shares_bytes, private_bytes)
 

@@ -29,11 +29,10 @@ from wdpm.scenes.flat.arrays import NO_TRIANGLES, Triangles
 from wdpm.scenes.model.scene import Camera, Scene
 
 WORTH_FORKING = 1 << 17
-"""Camera samples of a pass from which on processes are forked: some three quarters of a second of one core. A pass has
-two forks, for the photons, and for records and image when the maps of the photons are built; each takes some ten
-milliseconds, and every process copies the pages that it writes to and launches kernels of its own. Of the Cornell box
-half as many samples took 0.61 s of CPU time in two processes and 0.46 s in two threads of one, whose kernels are most
-of it; four times as many took 6 % more, and a seventh less time."""
+"""Camera samples of a pass from which on processes are forked: some three quarters of a second of one core. Each fork
+takes some milliseconds, and every process copies the pages that it writes to and launches kernels of its own. Of the
+Cornell box half as many samples took 0.61 s of CPU time in two processes and 0.46 s in two threads of one, whose
+kernels are most of it; four times as many took 6 % more, and a seventh less time."""
 
 
 class _Held(NamedTuple):
@@ -81,7 +80,7 @@ class InProcess(Backend):
         if threads is not None:
             check_count("threads", threads)
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
-        self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
+        self._launcher = Launcher(device, self.threads, wait_for_kernels=compiling is Compiling.FIRST)
         self._beside = KernelsBeside(compiling)
         self._workers = workers
         self._cells = cells

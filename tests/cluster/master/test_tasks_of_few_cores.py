@@ -17,7 +17,8 @@ from wdpm.cluster.master.members import Members
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import (
     PHOTON_TASK_LEAST,
-    TASKS_A_PROCESS,
+    TASKS_A_SLAVE,
+    capacities,
     equally_fast,
     parallel_record_tasks,
     photon_task_size,
@@ -112,7 +113,17 @@ def test_photon_tasks_are_as_many_as_cores_are_worth(slaves: int, cores: int, bu
     members, limits = members_of({"here": slaves}, {"here": cores}), ClusterLimits(photon_task_paths=1 << 20)
     session = make_session(slaves, burdens, paths=1 << 19)
     each = photon_task_size(session, members, slaves if burdens == 1 else 1, limits)
-    assert each == (1 << 20 if tasks == 1 else max((1 << 19) // (TASKS_A_PROCESS * tasks), PHOTON_TASK_LEAST))
+    assert each == (1 << 20 if tasks == 1 else max((1 << 19) // (TASKS_A_SLAVE * tasks), PHOTON_TASK_LEAST))
+
+
+def test_a_slave_of_several_processes_has_one_large_photon_task_at_a_time() -> None:
+    """It traces them with all its threads; buckets are for its processes."""
+    members, limits, session = members_of({"here": 1}, {}, 16), ClusterLimits(), make_session(1, 1)
+    assert photon_task_size(session, members, 1, limits) == limits.photon_task_paths
+    [of_photons] = capacities(session, members, members, 1, limits, photons=True)
+    [of_pixels] = capacities(session, members, members, 1, limits, photons=False)
+    assert (of_photons.at_once, of_photons.all_at_once, of_photons.most) == (1, 1, limits.photon_tasks_in_flight)
+    assert (of_pixels.at_once, of_pixels.all_at_once, of_pixels.most) == (16, 16, 16 * limits.buckets_in_flight)
 
 
 @pytest.mark.parametrize(("cores", "cut_for"), [({}, 2), ({"host": 2}, 2), ({"host": 1}, 1)])

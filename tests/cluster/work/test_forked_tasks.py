@@ -23,7 +23,8 @@ from patience import wait_until
 
 from wdpm.cluster.records import CachePlan, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
+from wdpm.cluster.slave.jobs import Build, Compute, ForgetPhotons, StartTask
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.rendering.in_process import InProcess, render_in_process
@@ -89,22 +90,52 @@ def test_results_are_those_of_the_worker_itself(worker: CellWorker, forked: Fork
     assert same_pixels(found, [worker.start(task).results[0] for task in BUCKETS])
 
 
-def test_photons_and_counts_come_to_the_worker(worker: CellWorker, forked: ForkedTasks) -> None:
+def test_counts_come_to_the_worker(worker: CellWorker, forked: ForkedTasks) -> None:
     alone = ready(SCENE, FEW)
-    tasks = [PhotonTask(n, 500 * n, 500 * (n + 1)) for n in range(7)]
-    for task in tasks:
+    for each in (worker, alone):
+        each.start(PhotonTask(len(BUCKETS), 0, FEW.photons))
+        each.exchange_ghosts()
+        each.build_maps()
+        each.finish_maps()
+    for task in BUCKETS:
         forked.start(task)
         alone.start(task)
-    traced: list[PhotonsTraced] = finish(forked)
+    finish(forked)
     forked.stop()
-    assert sum(result.paths for result in traced) == 3500
     mine, theirs = worker.statistics(), alone.statistics()
-    for name in ("photons", "paths_by_light", "stored_by_light", "guards"):
+    for name in ("gathers", "gathers_truncated", "photons", "guards"):
         assert mine[name] == theirs[name], name
-    assert mine["photons"][0] > 0
-    np.testing.assert_allclose(mine["energy"], theirs["energy"], rtol=1e-12)
+    assert mine["gathers_truncated"] > 0
+
+
+def test_photons_are_traced_by_the_worker_itself_and_no_process_is_forked_for_them() -> None:
+    worker, alone = ready(SCENE, FEW), ready(SCENE, FEW)
+    forked = ForkedTasks(worker, 3)
+    compute = Compute(lambda *_: worker, lambda _: forked)
+    compute.start(Build(0, worker.replica.world, {}, (0,)))
+    for number in range(3):
+        task = PhotonTask(number, 500 * number, 500 * (number + 1))
+        outcome = compute.start(StartTask(task))
+        assert outcome is not None
+        assert outcome.results == alone.start(task).results
+    assert not processes_of(forked)
     ids = [np.sort(one.cells[0].store.so_far()["id"]) for one in (worker, alone)]
+    assert len(ids[0]) > 0
     assert np.array_equal(*ids)
+
+
+def test_processes_end_when_photons_are_forgotten_that_they_know() -> None:
+    worker = ready(SCENE, FEW)
+    forked = ForkedTasks(worker, 2)
+    compute = Compute(lambda *_: worker, lambda _: forked)
+    compute.start(Build(0, worker.replica.world, {}, (0,)))
+    assert compute.start(StartTask(BUCKETS[0])) is None
+    assert len(processes_of(forked)) == 1
+    while compute.under_way:
+        compute.wait(60)
+    compute.start(ForgetPhotons(replace(worker.replica.world.photon_plan, seed=7)))
+    assert not processes_of(forked)
+    compute.stop()
 
 
 def test_processes_follow_the_worker_to_another_view_and_other_records() -> None:
@@ -132,24 +163,6 @@ def test_processes_follow_the_worker_to_another_view_and_other_records() -> None
     assert not same_pixels(found, before)  # type: ignore[arg-type]
     assert processes_of(forked) == pids
     forked.stop()
-
-
-def test_processes_trace_the_photons_of_another_plan(worker: CellWorker, forked: ForkedTasks) -> None:
-    forked.start(PhotonTask(0, 0, 100))
-    finish(forked)
-    plan = replace(worker.replica.world.photon_plan, seed=7)
-    pids = processes_of(forked)
-    forked.forget_photons(plan)
-    worker.forget_photons(plan)
-    forked.start(PhotonTask(1, 0, 800))
-    finish(forked)
-    alone = ready(SCENE, FEW)
-    alone.forget_photons(plan)
-    alone.start(PhotonTask(1, 0, 800))
-    mine, theirs = (np.sort(one.cells[0].store.so_far()["flux"], axis=0) for one in (worker, alone))
-    assert np.array_equal(mine, theirs)
-    assert worker.statistics()["paths_by_light"] == alone.statistics()["paths_by_light"]
-    assert processes_of(forked) == pids
 
 
 def test_a_process_that_was_killed_before_a_change_is_replaced_by_one_that_knows_it(
@@ -331,9 +344,7 @@ def test_no_process_is_left_when_a_render_has_ended(monkeypatch: pytest.MonkeyPa
     with InProcess(threads=2) as backend:
         render_in_passes(SCENE, backend, replace(FEW, passes=2))
         assert not any(map(is_there, forked))
-    # One for the few photons of the first pass, which are one task; two each time for what reads the maps, which end
-    # when those of another pass are built.
-    assert len(forked) == 1 + 2 * 2
+    assert len(forked) == 2 * 2  # two each time for what reads the maps, which end when another pass begins
 
 
 KILLED = """
@@ -356,7 +367,6 @@ def test_forked_processes_end_with_their_parent(tmp_path: Path) -> None:
     """Even if it is killed, and cannot say so."""
     with subprocess.Popen([sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
         assert parent.stdout is not None
-        parent.stdout.readline()  # of the process that traces the few photons, and ends when maps are built
         pids = [int(parent.stdout.readline()) for _ in range(3)]
         assert all(map(is_there, pids))
         parent.kill()
