@@ -31,6 +31,7 @@ from wdpm.cluster.transport.memory import Channel, MemoryNetwork, MemoryTranspor
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.work.forked_tasks import ForkedTasks
 from wdpm.cluster.work.worker import CellWorker
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.flat.arrays import NO_TRIANGLES
 
@@ -89,6 +90,7 @@ class MemoryCluster:
         shuffle: shuffles deliveries and jobs, for tests that order does not matter.
         processes: that do the tasks of a slave that has the whole scene.
         observers: are told what happens.
+        launcher: of the master, for what it computes itself.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class MemoryCluster:
         shuffle: random.Random | None = None,
         processes: int = 1,
         observers: Sequence[ClusterObserver] = (),
+        launcher: Launcher = ONE_THREAD,
     ) -> None:
         self._post = Post(shuffle)
         self._transport = MemoryTransport(lambda channel, _, delivery: self._post.put(channel, delivery))
@@ -110,7 +113,7 @@ class MemoryCluster:
         self._result: SessionResult | None = None
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
-        self._master = MasterShell(Master(slaves, {}, limits), listener, self._answer, observers)
+        self._master = MasterShell(Master(slaves, {}, limits, launcher=launcher), listener, self._answer, observers)
         self._slaves: dict[object, SlaveShell] = {}
         self._computes: dict[object, Compute] = {}
         for number in range(slaves):

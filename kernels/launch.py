@@ -118,3 +118,7 @@ class Launcher:
                 future.result()
         if self.device != "cpu":
             wp.synchronize_device(self.device)
+
+
+ONE_THREAD = Launcher("cpu", 1)
+"""Launches on the calling thread."""

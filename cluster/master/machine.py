@@ -41,6 +41,7 @@ from wdpm.cluster.master.members import MOST_SETBACKS, Member, Members, Setbacks
 from wdpm.cluster.master.phases import Phases
 from wdpm.cluster.master.render_status import Phase, RenderStatus, seen
 from wdpm.cluster.messages import protocol
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ProtocolError
 
 __all__ = ["Master", "Phase"]
@@ -62,6 +63,7 @@ class Master:
         versions: what the image's bits depend on, by name; slaves must have the same.
         most: slaves that may be there at a time; None for no more than it waits for.
         cores: of machines of which that is known, by name.
+        launcher: what the master computes itself with, on the CPU: what lies between rounds of irradiance records.
     """
 
     def __init__(
@@ -71,12 +73,13 @@ class Master:
         limits: ClusterLimits | None = None,
         most: int | None = None,
         cores: Mapping[str, int] | None = None,
+        launcher: Launcher = ONE_THREAD,
     ) -> None:
         self._limits = limits or ClusterLimits()
         self._cluster = uuid.uuid4().hex
         self._members = Members(slaves, max(slaves, most or 0), versions, cores)
         self._dropped: Counter[str] = Counter()
-        self._phases = Phases(self._members, self._limits, self._dropped)
+        self._phases = Phases(self._members, self._limits, self._dropped, launcher)
         self._joining = JoinWait(self._limits, self._members)
         self._ticked_at: float | None = None
         self._beat_at = 0.0

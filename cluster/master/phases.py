@@ -41,6 +41,7 @@ from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ProtocolError
 
 WORTH_REGROUPING = 0.5
@@ -56,16 +57,20 @@ class Phases:
         roster, tasks: the slaves that share the work, in teams, and what they share.
     """
 
-    def __init__(self, members: Members, limits: ClusterLimits, dropped: Counter[str]) -> None:
+    def __init__(
+        self, members: Members, limits: ClusterLimits, dropped: Counter[str], launcher: Launcher = ONE_THREAD
+    ) -> None:
         """
         Args:
             dropped: counts messages that are not used, by reason.
+            launcher: see Master.
         """
         self.phase = Phase.JOINING
         self.session: Session | None = None
         self._members = members
         self._limits = limits
         self._dropped = dropped
+        self._launcher = launcher
         self._phase_at = self._photons_at = self._moved_at = 0.0
         self._seconds: dict[str, float] = {}
         self._digest: str | None = None
@@ -257,7 +262,7 @@ class Phases:
     def _start_view(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""
         self._phase_at = now
-        rounds = self.tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
+        rounds = self.tasks.rounds = RecordRounds(session.view, session.records, session.kept.records, self._launcher)
         if len(rounds.records):
             self._records += 1
         if rounds.finished:

@@ -28,6 +28,7 @@ from wdpm.cluster.world import View
 from wdpm.kernels.irradiance.record_agreement import agreeing
 from wdpm.kernels.irradiance.record_clamp import clamped
 from wdpm.kernels.irradiance.record_smoothing import smoothed
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 
 DISAGREEMENT = 3.0
 """Standard errors of a record (CachePlan.tolerance) by which it may differ from what another expects of it: two
@@ -62,13 +63,17 @@ class RecordRounds:
     Args:
         given: records of the view that are there already, if any: then no round is made.
         kept: what an interrupted render has made of some rounds: their candidates are not asked for again.
+        launcher: works out how far records reach, and smooths them, on the CPU.
 
     Attributes:
         records: of all rounds that have ended.
     """
 
-    def __init__(self, view: View, given: Records, kept: Sequence[RecordsKept] = ()) -> None:
+    def __init__(
+        self, view: View, given: Records, kept: Sequence[RecordsKept] = (), launcher: Launcher = ONE_THREAD
+    ) -> None:
         self._view = view
+        self._launcher = launcher
         self._round = view.cache.rounds if len(given) else 0
         self._kept = [] if len(given) else sorted(kept, key=lambda each: (each.task.round, each.task.start))
         self._made: list[RecordsMade] = [each.result for each in self._kept]
@@ -200,9 +205,10 @@ class RecordRounds:
     def shared(self) -> Records:
         """The records as slaves use them, worked out once for all."""
         if self._shared is None:
-            self._shared = replace(self.records, radius=clamped(self.records.position, self._agreeing()))
+            reach = clamped(self.records.position, self._agreeing(), self._launcher)
+            self._shared = replace(self.records, radius=reach)
             if self.finished:
-                smooth = replace(self._shared, **smoothed(vars(self._shared)))
+                smooth = replace(self._shared, **smoothed(vars(self._shared), self._launcher))
                 self._shared = replace(smooth, radius=self._further(smooth))
         return self._shared
 
@@ -216,7 +222,8 @@ class RecordRounds:
         rounds = min(self._round, plan.rounds - 1)
         rows = of_rounds(self.records, rounds)
         if self._agreed[0] != rounds:
-            self._agreed = rounds, agreeing(vars(self.records.take(rows)), DISAGREEMENT * plan.tolerance)
+            before = vars(self.records.take(rows))
+            self._agreed = rounds, agreeing(before, DISAGREEMENT * plan.tolerance, self._launcher)
         radius[rows] = self._agreed[1]
         return radius
 
@@ -226,7 +233,8 @@ class RecordRounds:
         Here those of the last round have a say as well: nothing is cut below what they left covered.
         """
         further = records.radius * np.float32(READ_FURTHER)
-        agreed = agreeing({**vars(records), "radius": further}, DISAGREEMENT * self._view.cache.tolerance)
+        tolerance = DISAGREEMENT * self._view.cache.tolerance
+        agreed = agreeing({**vars(records), "radius": further}, tolerance, self._launcher)
         return np.maximum(records.radius, agreed)
 
     def _candidates(self, number: int) -> int:

@@ -23,9 +23,12 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance.cache import CAPACITY, STACK_CAPACITY, extrapolated, find, key_rank
 from wdpm.kernels.irradiance.record_tree import Arrays, IrradianceCache, build
-from wdpm.kernels.quick_launch import launch
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+GRAIN = 256
+"""Records that are worth a chunk of a launch of their own: a microsecond each."""
 
 LEAST_SHARE = wp.constant(wp.float32(0.25))
 """Of a record's reach, that it keeps at least: it may be the neighbour that is wrong, and rounds are few."""
@@ -68,12 +71,13 @@ def shorten(
             wp.atomic_min(radius_out, i, wp.max(way * wp.sqrt(tolerance / error), LEAST_SHARE * radius[i]))
 
 
-def agreeing(records: Arrays, tolerance: float) -> NDArray[np.float32]:
+def agreeing(records: Arrays, tolerance: float, launcher: Launcher = ONE_THREAD) -> NDArray[np.float32]:
     """How far records reach without contradicting each other.
 
     Args:
         records: N >= 0 of them, as record_tree.build takes them, by ascending number.
         tolerance: relative difference that both may err by, > 0.
+        launcher: on the CPU.
 
     Returns:
         Radii, none above those given and none below a quarter of them [scene units], float32, shape [N].
@@ -81,8 +85,12 @@ def agreeing(records: Arrays, tolerance: float) -> NDArray[np.float32]:
     radius = np.ascontiguousarray(records["radius"], np.float32)
     if not len(radius):
         return radius
-    given = wp.array(radius, dtype=wp.float32, device="cpu", copy=False)
-    out = wp.array(radius, dtype=wp.float32, device="cpu")
-    launch(shorten, len(radius), [build(records), given, tolerance, 0, out], "cpu")
-    shorter: NDArray[np.float32] = out.numpy()
+    given, cache = wp.array(radius, dtype=wp.float32, device="cpu", copy=False), build(records)
+    # What Warp calls atomic is not, on the CPU: each chunk shortens radii of its own, and the least of all counts.
+    chunks = launcher.chunks(len(radius), GRAIN)
+    shortened = np.tile(radius, (len(chunks), 1))
+    outs = [wp.array(row, dtype=wp.float32, device="cpu", copy=False) for row in shortened]
+    inputs = [(size, [cache, given, tolerance, start, out]) for (start, size), out in zip(chunks, outs, strict=True)]
+    launcher.run(shorten, inputs)
+    shorter: NDArray[np.float32] = np.minimum.reduce(shortened)
     return shorter

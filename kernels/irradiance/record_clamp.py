@@ -16,10 +16,13 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.kernels.photons.kd_order import sort
-from wdpm.kernels.quick_launch import launch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+GRAIN = 256
+"""Records that are worth a chunk of a launch of their own: a third of a microsecond each, and more at worst."""
 
 BLOCK = wp.constant(16)
 """Records that share a box, and blocks that share one in turn."""
@@ -89,12 +92,15 @@ def clamp_records(
     radius_out[i] = least
 
 
-def clamped(position: NDArray[np.floating], radius: NDArray[np.floating]) -> NDArray[np.float32]:
+def clamped(
+    position: NDArray[np.floating], radius: NDArray[np.floating], launcher: Launcher = ONE_THREAD
+) -> NDArray[np.float32]:
     """The least R_j + |x_i - x_j| for each record i.
 
     Args:
         position: [scene units], shape [N, 3].
         radius: > 0 [scene units], shape [N].
+        launcher: on the CPU.
 
     Returns:
         Radii, none above those given, float32, shape [N].
@@ -109,7 +115,16 @@ def clamped(position: NDArray[np.floating], radius: NDArray[np.floating]) -> NDA
     out = wp.empty(count, dtype=wp.float64, device="cpu")
     places, radii = (wp.array(x, dtype=wp.vec3d, device="cpu"), wp.array(r, dtype=wp.float64, device="cpu"))
     groups = _uploaded(blocks), _uploaded(_grouped(*blocks))
-    launch(clamp_records, count, [places, radii, *groups, 0, out], "cpu")
+    launcher(
+        clamp_records,
+        count,
+        grain=GRAIN,
+        position=places,
+        radius=radii,
+        blocks=groups[0],
+        groups=groups[1],
+        radius_out=out,
+    )
     result = np.empty(count, np.float32)
     result[order] = out.numpy().astype(np.float32)
     return result

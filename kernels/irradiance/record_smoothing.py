@@ -36,9 +36,12 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance.cache import CAPACITY, STACK_CAPACITY, TURN, find, key_rank
 from wdpm.kernels.irradiance.record_tree import Arrays, IrradianceCache, build
-from wdpm.kernels.quick_launch import launch
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+GRAIN = 256
+"""Records that are worth a chunk of a launch of their own: a microsecond each."""
 
 REACH = 2.0
 """How far neighbours lie, at most, as a share of the reach of either. With 3, walls of uplight-room are smoother by a
@@ -166,12 +169,13 @@ def smooth(
         translation_out[i] = translation / weight
 
 
-def smoothed(records: Arrays) -> dict[str, NDArray[Any]]:
+def smoothed(records: Arrays, launcher: Launcher = ONE_THREAD) -> dict[str, NDArray[Any]]:
     """Records without most of their noise.
 
     Args:
         records: N >= 0 of them, as record_tree.build takes them, by ascending number, with "error", the standard error
             of each irradiance, mean of RGB, shape [N].
+        launcher: on the CPU.
 
     Returns:
         "irradiance" [N, 3], "rotation" and "translation" [N, 3, 3] of the same records, float32.
@@ -184,12 +188,16 @@ def smoothed(records: Arrays) -> dict[str, NDArray[Any]]:
     reach = wp.array(far, dtype=wp.float32, device="cpu")
     error = wp.array(np.ascontiguousarray(records["error"], np.float32), dtype=wp.float32, device="cpu")
     variance = wp.empty(count, dtype=wp.float64, device="cpu")
-    near = wp.empty(count, dtype=wp.int32, device="cpu"), wp.empty((count, CAPACITY), dtype=wp.int32, device="cpu")
-    launch(typical_variances, count, [cache, reach, error, 0, variance, *near], "cpu")
+    found = wp.empty(count, dtype=wp.int32, device="cpu")
+    near = wp.empty((count, CAPACITY), dtype=wp.int32, device="cpu")
+    given = {"cache": cache, "reach": reach, "error": error}
+    outputs = {"variance_out": variance, "count_out": found, "near_out": near}
+    launcher(typical_variances, count, grain=GRAIN, **given, **outputs)
     made = {
         "irradiance": wp.empty(count, dtype=wp.vec3, device="cpu"),
         "rotation": wp.empty(count, dtype=wp.mat33, device="cpu"),
         "translation": wp.empty(count, dtype=wp.mat33, device="cpu"),
     }
-    launch(smooth, count, [cache, reach, error, variance, *near, 0, *made.values()], "cpu")
+    outputs = {f"{name}_out": array for name, array in made.items()}
+    launcher(smooth, count, grain=GRAIN, **given, variance=variance, count=found, near=near, **outputs)
     return {name: array.numpy() for name, array in made.items()}

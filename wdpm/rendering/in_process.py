@@ -18,7 +18,7 @@ from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.devices import available_cores, check_count
 from wdpm.images.image import Image
-from wdpm.kernels.launch import Launcher
+from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.compiling import Compiling
@@ -179,6 +179,7 @@ class InProcess(Backend):
             shuffle=self._shuffle,
             processes=processes,
             observers=self._observers,
+            launcher=launcher if launcher.device == "cpu" else ONE_THREAD,
         )
 
 
