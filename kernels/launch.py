@@ -106,6 +106,19 @@ class Launcher:
 
         return launch_cut
 
+    def at_once(self, *makers: Callable[[], Any]) -> list[Any]:
+        """What several functions give that have nothing to do with each other, in their order; raises what one raises.
+
+        Each runs on a thread of its own, from which it may launch, where launches have several: what the interpreter
+        and NumPy do between launches on one core overlaps with the others' then.
+        """
+        if self.threads == 1 or len(makers) == 1:
+            return [make() for make in makers]
+        _ = self._pool  # before several ask for it at once
+        with ThreadPoolExecutor(len(makers) - 1) as others:
+            futures = [others.submit(make) for make in makers[1:]]
+            return [makers[0](), *(future.result() for future in futures)]
+
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""
         pool = None if len(launches) == 1 else self._pool

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -242,13 +243,7 @@ class PhotonStore:
         self._order_parts = []
         trees = [self._photon_tree(*each) for each in zip(of_photons, orders, strict=False)]
         others = [self._point_tree(*each) for each in zip(of_points, orders[len(of_photons) :], strict=True)]
-        host_cache = self._replica.host_cache
-        if host_cache.is_shared:
-            got = host_cache.get_all([*trees, *others], part)
-        else:
-            got = host_cache.get_all(trees)
-            self._own.clear()  # no more is in memory than need be
-            got += host_cache.get_all(others)
+        got = self._made(trees, others, part)
         self._own.clear()
         self._own_points.clear()
         sites: Arrays = {}
@@ -263,6 +258,19 @@ class PhotonStore:
         if self._region is not None:  # nothing else reads what is a part of a map
             self.maps[GLOBAL_MAP], self.points[GLOBAL_MAP] = None, None
 
+    def _made(self, trees: list[CacheEntry], others: list[CacheEntry], part: int) -> list[Sequence[Any]]:
+        """Trees of photons and of points: at once, or on one thread one after the other, when photons go before."""
+        host_cache, launcher = self._replica.host_cache, self._replica.launcher
+        if host_cache.is_shared:
+            return host_cache.get_all([*trees, *others], part)
+
+        def of_photons() -> list[Sequence[Any]]:
+            made = host_cache.get_all(trees)
+            self._own.clear()
+            return made
+
+        return list(itertools.chain(*launcher.at_once(of_photons, lambda: host_cache.get_all(others))))
+
     def _photon_tree(self, number: int, order: NDArray[np.int32] | None) -> CacheEntry:
         """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
 
@@ -274,10 +282,13 @@ class PhotonStore:
             self._number([number])
             launcher, numbered = self._replica.launcher, self._numbered.pop(number)
             run = launcher.build_launcher()
-            # Of volume photons the normal is (medium, 0, 0).
-            tree = photon_map.build_of(self._own[number], numbered.ranks, launcher.device, run, order)
             sites = self._sites if number == GLOBAL_MAP else {}
-            return [tree, {"edges": numbered.edges, **self._in_order(sites)}]
+            # Of volume photons the normal is (medium, 0, 0).
+            tree, in_order = launcher.at_once(
+                lambda: photon_map.build_of(self._own[number], numbered.ranks, launcher.device, run, order),
+                lambda: self._in_order(sites),
+            )
+            return [tree, {"edges": numbered.edges, **in_order}]
 
         kinds = (photon_map.PhotonMap, dict)
         return CacheEntry(self._cache_name(f"map {number}"), kinds, make, self._is_private(number))

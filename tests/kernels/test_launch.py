@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 import warp as wp
@@ -37,3 +39,41 @@ def test_every_item_is_reached_once(threads: int, grain: int) -> None:
 def test_arguments_that_are_not_the_kernels_are_refused(names: tuple[str, ...], said: str) -> None:
     with pytest.raises(TypeError, match=f"kernel add: arguments {said}"):
         Launcher("cpu", 1)(add, 1, **dict.fromkeys(names, 0))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_functions_that_run_at_once_may_launch_and_give_what_they_give_in_their_order(threads: int) -> None:
+    launcher = Launcher("cpu", threads)
+
+    def sums(y: int) -> list[int]:
+        total = wp.zeros(50, dtype=wp.int32, device="cpu")
+        launcher(add, 50, grain=1, sum_out=total, y=y, x=wp.zeros(50, dtype=wp.int32, device="cpu"))
+        return list(total.numpy())
+
+    assert launcher.at_once(lambda: sums(3), lambda: launcher.at_once(lambda: sums(4), lambda: sums(5))) == [
+        [3] * 50,
+        [[4] * 50, [5] * 50],
+    ]
+    launcher.stop_threads()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("which", [0, 1])
+def test_what_one_of_several_functions_raises_is_raised_when_all_have_ended(threads: int, which: int) -> None:
+    ended = []
+
+    def end() -> None:
+        ended.append(1)
+
+    def fail() -> None:
+        raise ZeroDivisionError("by nothing")
+
+    with pytest.raises(ZeroDivisionError, match="by nothing"):
+        Launcher("cpu", threads).at_once(*([fail, end] if which == 0 else [end, fail]))
+    assert len(ended) == (1 if threads > 1 or which else 0)
+
+
+def test_functions_that_run_at_once_do() -> None:
+    """Each waits for the other."""
+    meeting = threading.Barrier(2, timeout=60)
+    Launcher("cpu", 2).at_once(meeting.wait, meeting.wait)
