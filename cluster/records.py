@@ -242,7 +242,7 @@ def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArr
         # The comparison is generous by a share of 2^-18, as the boxes of kernels/irradiance/record_tree.py are.
         reach = records.radius.astype(np.float64) * (1.0 + 2.0**-18)
         reaches |= (outside**2).sum(axis=1) <= reach**2
-    return records.take(reaches)
+    return records if reaches.all() else records.take(reaches)
 
 
 LARGEST = 1e35

@@ -31,6 +31,8 @@ BOX_SHARE = 2.0**-18
 
 Arrays = Mapping[str, NDArray[Any]]
 
+_DERIVATIVES = ("rotation", "translation")
+
 
 @wp.struct
 class IrradianceCache:
@@ -65,9 +67,7 @@ def build(records: Arrays, device: str = "cpu") -> Any:
         WdpmError: a value is not finite, a radius not above 0, a number comes twice, or there are too many records.
     """
     _check(records)
-    order = np.argsort(records["number"])
-    by_rank = {name: np.ascontiguousarray(records[name][order], np.float32) for name in records if name != "number"}
-    count = len(order)
+    by_rank, count = _by_rank(records), len(records["number"])
     levels = 0
     while 8 ** (levels + 1) < count:
         levels += 1
@@ -79,10 +79,10 @@ def build(records: Arrays, device: str = "cpu") -> Any:
     cache.rank = wp.array(_padded(along, 8 * leaf_count, 0), dtype=wp.int32, device=device)
     cache.leaves = wp.array(_leaves(by_rank, along, leaf_count), dtype=vec8, device=device)
     cache.nodes = wp.array(_nodes(by_rank, along, levels), dtype=vec8, device=device)
-    for name, kind in (("position", wp.vec3), ("normal", wp.vec3), ("irradiance", wp.vec3)):
-        setattr(cache, name, wp.array(by_rank[name], dtype=kind, device=device))
-    for name in ("rotation", "translation"):
-        setattr(cache, name, wp.array(by_rank[name], dtype=wp.mat33, device=device))
+    kinds = dict.fromkeys(("position", "normal", "irradiance"), wp.vec3) | dict.fromkeys(_DERIVATIVES, wp.mat33)
+    for name, kind in kinds.items():
+        column = by_rank[name]
+        setattr(cache, name, wp.array(column, dtype=kind, device=device, copy=not column.flags.writeable))
     return cache
 
 
@@ -93,22 +93,35 @@ def _check(records: Arrays) -> None:
         raise WdpmError(f"irradiance cache: {count} records, expected at most {MAX_RECORDS}")
     shapes: dict[str, tuple[int, ...]] = {"radius": (count,)}
     shapes |= dict.fromkeys(("position", "normal", "irradiance"), (count, 3))
-    shapes |= dict.fromkeys(("rotation", "translation"), (count, 3, 3))
+    shapes |= dict.fromkeys(_DERIVATIVES, (count, 3, 3))
     for name, shape in shapes.items():
         value = records[name]
         if value.shape != shape:
             raise WdpmError(f"irradiance cache: {name} has shape {value.shape}, expected {shape}")
-        bad = np.flatnonzero(~np.isfinite(value.reshape(count, math.prod(shape[1:]))).all(axis=1))
-        if len(bad):
-            raise WdpmError(f"irradiance cache: {name} of record {number[bad[0]]} is {value[bad[0]].tolist()}")
+        # A sum is finite only if its terms are; of what may be larger than any sum all are looked at.
+        if not np.isfinite(value.sum(dtype=np.float64)):
+            bad = np.flatnonzero(~np.isfinite(value.reshape(count, math.prod(shape[1:]))).all(axis=1))
+            if len(bad):
+                raise WdpmError(f"irradiance cache: {name} of record {number[bad[0]]} is {value[bad[0]].tolist()}")
     small = np.flatnonzero(~(records["radius"] > 0))
     if len(small):
         raise WdpmError(
             f"irradiance cache: the radius of record {number[small[0]]} is {records['radius'][small[0]]}, expected > 0"
         )
-    unique, times = np.unique(number, return_counts=True)
-    if len(unique) != count:
-        raise WdpmError(f"irradiance cache: record {unique[times > 1][0]} comes twice, expected unique numbers")
+
+
+def _by_rank(records: Arrays) -> dict[str, NDArray[np.float32]]:
+    """All columns but the numbers in the order of these: as they are, where that is the order that they come in."""
+    number = records["number"]
+    if (number[1:] > number[:-1]).all():
+        return {name: np.ascontiguousarray(column, np.float32) for name, column in records.items() if name != "number"}
+    order = np.argsort(number)
+    twice = np.flatnonzero(np.diff(number[order]) == 0)
+    if len(twice):
+        raise WdpmError(f"irradiance cache: record {number[order[twice[0]]]} comes twice, expected unique numbers")
+    return {
+        name: np.ascontiguousarray(column[order], np.float32) for name, column in records.items() if name != "number"
+    }
 
 
 def _padded(values: NDArray[Any], size: int, filler: float) -> NDArray[Any]:
