@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import warp as wp
@@ -118,6 +118,17 @@ class Launcher:
         with ThreadPoolExecutor(len(makers) - 1) as others:
             futures = [others.submit(make) for make in makers[1:]]
             return [makers[0](), *(future.result() for future in futures)]
+
+    def begin(self, make: Callable[[], Any]) -> Future[Any]:
+        """Run a function on a thread of its own, from which it may launch, and go on.
+
+        Whoever begins it waits for its end before the process forks.
+        """
+        _ = self._pool  # before two ask for it at once
+        with_thread = ThreadPoolExecutor(1)
+        begun = with_thread.submit(make)
+        with_thread.shutdown(wait=False)
+        return begun
 
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""

@@ -55,6 +55,8 @@ class Worker(Protocol):
 
     def go_on(self) -> Outbox: ...
 
+    def begin_points(self) -> None: ...
+
     def forget_photons(self, plan: PhotonPlan) -> None: ...
 
 
@@ -253,12 +255,15 @@ class Compute:
 
         Raises what the worker raises.
         """
-        if isinstance(job, StartTask) and self._elsewhere is not None and not isinstance(job.task, PhotonTask):
+        if self._elsewhere is None:
+            return self.run(job)
+        if isinstance(job, StartTask) and not isinstance(job.task, PhotonTask):
             self._tasks[job.task.number] = job
             self._elsewhere.start(job.task)
             return None
-        if self._elsewhere is not None:
-            _tell(self._elsewhere, job)
+        _tell(self._elsewhere, job)
+        if isinstance(job, StartTask) and self._worker is not None:
+            self._worker.begin_points()
         return self.run(job)
 
     @property

@@ -6,6 +6,7 @@ import functools
 import itertools
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,6 +80,7 @@ class PhotonStore:
         self._numbered: dict[int, Numbered] = {}
         self._deposits: Any = None
         self._own_points = MapBuffers(Kind.GHOST_POINTS)
+        self._points_ahead: Future[list[Sequence[Any]]] | None = None  # their trees, if they were begun before photons
         self._ghost_points = MapBuffers(Kind.GHOST_POINTS)
         self.maps: list[BuiltMap | None] = [None] * MAPS
         self.points: list[Any] = [None] * MAPS
@@ -184,7 +186,8 @@ class PhotonStore:
         self._own.join(self._copies)
         if replica.host_cache.is_shared:
             return  # there is no other cell, and points are spread by whoever makes their tree
-        self._spread_points(SURFACE_MAPS)
+        if self._points_ahead is None:
+            self._spread_points(SURFACE_MAPS)
         if len(low) == 1:
             return
         copied = [(Kind.GHOST_PHOTONS, self._own), (Kind.GHOST_POINTS, self._own_points)]
@@ -195,6 +198,18 @@ class PhotonStore:
                 near = functools.partial(rows_in_bands, low[cell], high[cell], bands)
                 for kind, buffers in copied:
                     yield Batch.of_task(kind, -1, replica.worker, cell, 0, buffers.chosen(near))
+
+    def begin_points(self) -> None:
+        """Spread surface points and build their trees from now on, on a thread of its own, while photons are traced.
+
+        For who has the whole scene and shares no trees: points do not depend on photons, which take longer.
+        """
+        if self._points_ahead is None and self._replica.launcher.threads > 1:
+            self._points_ahead = self._replica.launcher.begin(self._points_made)
+
+    def _points_made(self) -> list[Sequence[Any]]:
+        self._spread_points(SURFACE_MAPS)
+        return self._replica.host_cache.get_all([self._point_tree(number, None) for number in SURFACE_MAPS])
 
     def _spread_points(self, of_maps: Sequence[int]) -> None:
         """Spread surface points over this cell and keep them: for each of these maps as many as suit it."""
@@ -269,7 +284,9 @@ class PhotonStore:
             self._own.clear()
             return made
 
-        return list(itertools.chain(*launcher.at_once(of_photons, lambda: host_cache.get_all(others))))
+        ahead, self._points_ahead = self._points_ahead, None
+        of_points = functools.partial(host_cache.get_all, others) if ahead is None else ahead.result
+        return list(itertools.chain(*launcher.at_once(of_photons, of_points)))
 
     def _photon_tree(self, number: int, order: NDArray[np.int32] | None) -> CacheEntry:
         """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
@@ -448,6 +465,9 @@ class PhotonStore:
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""
+        if self._points_ahead is not None:
+            wait([self._points_ahead])
+            self._points_ahead = None
         for buffers in (self._own, self._copies, self._ghosts, self._own_points, self._ghost_points):
             buffers.clear()
         self._lent, self._some_missing = None, False

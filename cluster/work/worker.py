@@ -217,6 +217,11 @@ class CellWorker:
         self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
         return batches
 
+    def begin_points(self) -> None:
+        """Begin with what maps need besides photons, which are to be traced now; for who has the whole scene."""
+        for cell in self.cells.values():
+            cell.store.begin_points()
+
     def _trace_all(self) -> None:
         """Trace all photon paths here, though others have traced theirs, and count nothing of it."""
         (store,) = (cell.store for cell in self.cells.values())

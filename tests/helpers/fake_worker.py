@@ -184,6 +184,9 @@ class FakeWorker:
             [result for outbox in outboxes for result in outbox.results],
         )
 
+    def begin_points(self) -> None:
+        pass  # it has none
+
     def forget_photons(self, plan: PhotonPlan) -> None:
         self.world = self.world.with_photons(plan)
         self.photons = self.ghosts = self.copied = 0

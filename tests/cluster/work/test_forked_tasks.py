@@ -23,7 +23,7 @@ from patience import wait_until
 
 from wdpm.cluster.records import CachePlan, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.cluster.slave.jobs import Build, Compute, ForgetPhotons, StartTask
+from wdpm.cluster.slave.jobs import Build, BuildMaps, Compute, ExchangeGhosts, FinishMaps, ForgetPhotons, StartTask
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
 from wdpm.cluster.work.worker import CellWorker
@@ -110,6 +110,7 @@ def test_counts_come_to_the_worker(worker: CellWorker, forked: ForkedTasks) -> N
 
 def test_photons_are_traced_by_the_worker_itself_and_no_process_is_forked_for_them() -> None:
     worker, alone = ready(SCENE, FEW), ready(SCENE, FEW)
+    worker.replica.launcher.threads = 3
     forked = ForkedTasks(worker, 3)
     compute = Compute(lambda *_: worker, lambda _: forked)
     compute.start(Build(0, worker.replica.world, {}, (0,)))
@@ -119,9 +120,39 @@ def test_photons_are_traced_by_the_worker_itself_and_no_process_is_forked_for_th
         assert outcome is not None
         assert outcome.results == alone.start(task).results
     assert not processes_of(forked)
-    ids = [np.sort(one.cells[0].store.so_far()["id"]) for one in (worker, alone)]
+    mine, other = (one.cells[0].store for one in (worker, alone))
+    ids = [np.sort(store.so_far()["id"]) for store in (mine, other)]
     assert len(ids[0]) > 0
     assert np.array_equal(*ids)
+    assert mine._points_ahead is not None  # their trees are built meanwhile
+    for job in (ExchangeGhosts(), BuildMaps(), FinishMaps()):
+        compute.start(job)
+    alone.exchange_ghosts()
+    alone.build_maps()
+    alone.finish_maps()
+    assert mine._points_ahead is None
+    assert mine.points[0].count > 0
+    for name in ("leaves", "nodes"):
+        np.testing.assert_array_equal(*(getattr(store.points[0], name).numpy() for store in (mine, other)))
+
+
+def test_points_that_were_begun_with_are_let_go_of_with_the_photons() -> None:
+    worker = ready(SCENE, FEW)
+    worker.replica.launcher.threads = 2
+    for paths in (500, 700):
+        worker.begin_points()
+        worker.start(PhotonTask(paths, 0, paths))
+        worker.forget_photons()
+    assert worker.cells[0].store._points_ahead is None
+    worker.begin_points()
+    worker.start(PhotonTask(0, 0, 500))
+    worker.exchange_ghosts()
+    worker.build_maps()
+    once = ready(SCENE, FEW)
+    once.start(PhotonTask(0, 0, 500))
+    once.exchange_ghosts()
+    once.build_maps()
+    assert worker.cells[0].store.points[0].count == once.cells[0].store.points[0].count > 0
 
 
 def test_processes_end_when_photons_are_forgotten_that_they_know() -> None:
