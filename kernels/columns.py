@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import linecache
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -297,15 +297,26 @@ def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     return to_host({name: getattr(columns, name) for name in names})
 
 
-def download_part(columns: Any, names: Iterable[str], first: int, count: int) -> dict[str, NDArray[Any]]:
-    """Items `first` to `first + count` of the named arrays, as arrays of their own: no more than these are copied."""
+def download_parts(
+    columns: Any, names: Iterable[str], parts: Iterable[tuple[int, int]]
+) -> Iterator[dict[str, NDArray[Any]]]:
+    """Parts of the named arrays, as arrays of their own: no more than these are copied.
+
+    Args:
+        parts: first item and number of items of each.
+    """
     if isinstance(columns, HostColumns):
-        return {name: columns.column(name)[first : first + count].copy() for name in names}
-    arrays = {name: getattr(columns, name) for name in names}
-    device = next(iter(arrays.values())).device.alias
-    if blocks.shares_memory(device):
-        return {name: array.numpy()[first : first + count].copy() for name, array in arrays.items()}
-    packed = outputs({name: array.dtype for name, array in arrays.items()}, count, device)
-    for name, array in arrays.items():
-        wp.copy(packed[name], array, src_offset=first, count=count)
-    return blocks.to_host(packed)
+        there = {name: columns.column(name) for name in names}
+    else:
+        arrays = {name: getattr(columns, name) for name in names}
+        device = next(iter(arrays.values())).device.alias
+        if not blocks.shares_memory(device):
+            for first, count in parts:
+                packed = outputs({name: array.dtype for name, array in arrays.items()}, count, device)
+                for name, array in arrays.items():
+                    wp.copy(packed[name], array, src_offset=first, count=count)
+                yield blocks.to_host(packed)
+            return
+        there = {name: array.numpy() for name, array in arrays.items()}
+    for first, count in parts:
+        yield {name: array[first : first + count].copy() for name, array in there.items()}

@@ -109,20 +109,19 @@ class PhotonStore:
 
     def keep(self, deposits: Any, capacity: int) -> None:
         """Take stored photons out of the regions of a launch."""
-        names = SCHEMAS[Kind.GHOST_PHOTONS]
-        for chunk, asked in enumerate(deposits.count.numpy()):
-            kept = min(int(asked), capacity)
-            if kept:
-                photons = columns.download_part(deposits.photons, [*names, "light"], chunk * capacity, kept)
-                light = photons.pop("light")
+        names = [*SCHEMAS[Kind.GHOST_PHOTONS], "light"]
+        kept = [(chunk * capacity, min(int(asked), capacity)) for chunk, asked in enumerate(deposits.count.numpy())]
+        for photons in columns.download_parts(deposits.photons, names, [part for part in kept if part[1]]):
+            light = photons.pop("light")
+            # A sum is finite only if its terms are.
+            if not np.isfinite(photons["flux"].sum(dtype=np.float64)):
                 finite = np.isfinite(photons["flux"]).all(axis=1)
-                if not finite.all():
-                    bad, number = np.flatnonzero(~finite), photons["id"]
-                    bounce = number[bad] & ((1 << BOUNCE_BITS) - 1)
-                    self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
-                    photons, light = take(photons, np.flatnonzero(finite)), light[finite]
-                self._own.add(photons)
-                self.count += self.counters.add(photons, light)
+                bad, number = np.flatnonzero(~finite), photons["id"]
+                bounce = number[bad] & ((1 << BOUNCE_BITS) - 1)
+                self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
+                photons, light = take(photons, np.flatnonzero(finite)), light[finite]
+            self._own.add(photons)
+            self.count += self.counters.add(photons, light)
 
     def add_copies(self, photons: Arrays, lender: int) -> None:
         """Take in photons of this cell that landed in another team. They are counted there.

@@ -108,10 +108,11 @@ def test_some_rows(shared: bool) -> None:
     with mock.patch.object(blocks, "shares_memory", return_value=shared):
         photons = columns.upload(StoredPhotons, arrays, "cpu")
         few = columns.download(columns.chosen(StoredPhotons, photons, rows, "cpu"), arrays)
-        part = columns.download_part(photons, arrays, 2, 3)
+        parts = list(columns.download_parts(photons, arrays, [(2, 3), (0, 1)]))
     for name, array in arrays.items():
         np.testing.assert_array_equal(few[name], array[rows])
-        np.testing.assert_array_equal(part[name], array[2:5])
+        np.testing.assert_array_equal(parts[0][name], array[2:5])
+        np.testing.assert_array_equal(parts[1][name], array[:1])
 
 
 @pytest.mark.parametrize("shared", [True, False])
