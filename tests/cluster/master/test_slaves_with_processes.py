@@ -1,4 +1,4 @@
-"""Slaves that do several tasks at once are handed as many, where the scene is one cell."""
+"""Slaves that do several tasks at once: what of photons they are handed, and what where they have but a part."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from master_driver import EPOCH, LIMITS, A, Driver, hello, sent, tasks_of
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.task_sizes import PHOTON_TASK_LEAST, TASKS_A_PROCESS
 from wdpm.cluster.messages import protocol as p
 
 
@@ -26,15 +25,11 @@ def first_tasks(processes: int, paths: int) -> list[range]:
     return [range(task.start, task.stop) for task in tasks_of(driver.says(A, p.Ready(EPOCH)), A)]
 
 
-def test_tasks_are_so_many_that_processes_end_together() -> None:
-    paths = 400_000
-    alone, several = first_tasks(1, paths), first_tasks(4, paths)
-    assert len(several) == 4 * len(alone)
-    assert len(several[0]) == -(-paths // (TASKS_A_PROCESS * 4)) < len(alone[0])
-
-
-def test_tasks_stay_large_enough_for_a_launch() -> None:
-    assert {len(paths) for paths in first_tasks(16, 20_000)} == {PHOTON_TASK_LEAST, 20_000 % PHOTON_TASK_LEAST}
+@pytest.mark.parametrize("paths", [400_000, 20_000])
+def test_photons_are_handed_out_as_to_one_process_since_threads_trace_them(paths: int) -> None:
+    tasks = first_tasks(16, paths)
+    assert tasks == first_tasks(1, paths)
+    assert len(tasks[0]) == min(paths, ClusterLimits().photon_task_paths)
 
 
 @pytest.mark.parametrize("processes", [0, -1, 1 << 40])
