@@ -75,15 +75,19 @@ class Kind(Enum):
     """What a probe found: hits by slot."""
     SAMPLES = "samples"
     """What camera samples see, but for direct light: the fixed slots of a home."""
+    PIXELS = "pixels"
+    """Sums over samples that set out together, all of which came to their ends in the cell where they did."""
     LIT = "lit"
     """Parts of camera samples, by slot and place: direct light, and all that later vertices of a path add."""
+    GATHERED = "gathered"
+    """All that gather rays of irradiance records bring that came to their ends in the cell where they arrived."""
     RECORD_SITES = "record_sites"
     """Where rays through candidates found that an irradiance record is wanted."""
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
 
-TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kind.ENDED})
+TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.PIXELS, Kind.LIT, Kind.GATHERED, Kind.RECORD_SITES, Kind.ENDED})
 
 GHOSTS = frozenset({Kind.GHOST_PHOTONS, Kind.GHOST_POINTS})
 """What slaves of a team exchange before they build their maps."""
@@ -92,7 +96,7 @@ OF_MAPS = GHOSTS | {Kind.COPIED_PHOTONS, Kind.COPIED_ORDER, Kind.COPIED_IRRADIAN
 """What maps are built of, besides what landed in the cell itself. It belongs to no task, and is counted by batches."""
 
 SCHEMAS: Final[dict[Kind, Fields]] = {
-    Kind.START: fields.RAY,
+    Kind.START: fields.START,
     Kind.CAMERA: fields.CAMERA_RAY,
     Kind.PROBE: fields.RAY,
     Kind.SHADE: fields.CAMERA_RAY,
@@ -113,7 +117,9 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.COPIED_IRRADIANCE: fields.IRRADIANCE_POINT,
     Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
     Kind.SAMPLES: fields.SAMPLE,
+    Kind.PIXELS: fields.PIXEL,
     Kind.LIT: fields.PART,
+    Kind.GATHERED: fields.GATHERED,
     Kind.RECORD_SITES: fields.SITE,
     Kind.ENDED: {},
 }
@@ -262,17 +268,34 @@ def _runs_in_order(batches: Sequence[Batch], order: Sequence[int]) -> list[Array
 def pieces(batch: Batch, most: int) -> Iterator[Batch]:
     """A batch of one task, each of whose rows has the same credit, in pieces of at most so many rows.
 
-    One whose credit is not that of its rows is left whole.
+    One whose credit is not that of its rows is left whole. Samples that set out together stay so, and may be more.
     """
     count, credit = len(batch), batch.credit
     if count <= most or credit % count:
         yield batch
         return
-    for first in range(0, count, most):
-        rows = slice(first, min(first + most, count))
-        size = rows.stop - first
+    first = 0
+    while first < count:
+        end = _end_of_piece(batch, first, min(first + most, count))
+        size = end - first
         runs = Runs.one(batch.home, int(batch.runs.task[0]), size, size * (credit // count))
-        yield Batch(batch.kind, batch.cell, runs, take(batch.arrays, rows))
+        yield Batch(batch.kind, batch.cell, runs, take(batch.arrays, slice(first, end)))
+        first = end
+
+
+def _end_of_piece(batch: Batch, first: int, end: int) -> int:
+    """Where a piece that begins at row `first` ends, about at `end`: not within samples that set out together."""
+    if batch.kind is not Kind.START:
+        return end
+    together = batch.arrays["together"][first:end]
+    begins = together.nonzero()[0]
+    if not len(begins):
+        return end
+    begin = first + int(begins[-1])
+    until = begin + int(together[begins[-1]])
+    if until <= end:
+        return end
+    return begin if begin > first else until
 
 
 def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:

@@ -67,4 +67,6 @@ def in_order(slot: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.in
 
 def summed(slot: NDArray[np.int32], vectors: NDArray[np.float32], slots: int) -> NDArray[np.float64]:
     """What the vectors of each slot add up to, one after another, float64, shape [slots, 3]."""
+    if not len(slot):  # of which NumPy makes whole numbers
+        return np.zeros((slots, 3))
     return np.stack([np.bincount(slot, vectors[:, channel], slots) for channel in range(3)], axis=1)

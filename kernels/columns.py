@@ -19,7 +19,14 @@ from wdpm.kernels.fields import Field, Fields
 from wdpm.kernels.host_arrays import HostArray
 from wdpm.kernels.host_columns import HostColumns, HostNest
 
-_WARP_TYPES = {("<i4", ()): wp.int32, ("<i8", ()): wp.int64, ("<f4", ()): wp.float32, ("<f4", (3,)): wp.vec3}
+_WARP_TYPES = {
+    ("<i4", ()): wp.int32,
+    ("<i8", ()): wp.int64,
+    ("<f4", ()): wp.float32,
+    ("<f4", (3,)): wp.vec3,
+    ("<f8", ()): wp.float64,
+    ("<f8", (3,)): wp.vec3d,
+}
 
 
 class FromFields:

@@ -57,9 +57,19 @@ def number(meaning: str, least: int | None = None, end: int | None = None) -> Fi
     return Field("<f4", (), meaning, least, end)
 
 
+def long_number(meaning: str) -> Field:
+    """A float64."""
+    return Field("<f8", (), meaning)
+
+
 def vector(meaning: str) -> Field:
     """Three float32: a point, a direction or a colour."""
     return Field("<f4", (3,), meaning)
+
+
+def long_vector(meaning: str) -> Field:
+    """Three float64: a sum of colours."""
+    return Field("<f8", (3,), meaning)
 
 
 def chosen(fields: Fields, *names: str) -> dict[str, Field]:

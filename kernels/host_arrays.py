@@ -25,6 +25,7 @@ NUMPY: Final[dict[Any, tuple[np.dtype[Any], tuple[int, ...]]]] = {
     wp.float64: (np.dtype(np.float64), ()),
     wp.vec2: (np.dtype(np.float32), (2,)),
     wp.vec3: (np.dtype(np.float32), (3,)),
+    wp.vec3d: (np.dtype(np.float64), (3,)),
 }
 """What numpy calls items of Warp's types, and their shape."""
 

@@ -8,7 +8,18 @@ from __future__ import annotations
 
 from typing import Final
 
-from wdpm.kernels.fields import Field, Fields, Many, chosen, integer, long_integer, number, vector
+from wdpm.kernels.fields import (
+    Field,
+    Fields,
+    Many,
+    chosen,
+    integer,
+    long_integer,
+    long_number,
+    long_vector,
+    number,
+    vector,
+)
 from wdpm.kernels.limits import CHAIN_LIMIT, MAPS
 
 _SLOT: Final = {"slot": integer("where its home wants the result")}  # homes check it: they know how many they have
@@ -19,6 +30,14 @@ RAY: Final[Fields] = {
     "sample": integer("of the pixel", least=0),
 }
 """Rays of the camera: functions of pixel and sample number."""
+
+START: Final[Fields] = {
+    **RAY,
+    "together": integer(
+        "samples of its pixel from this one on, the next rows, that may come home as one sum; else 0", least=0
+    ),
+}
+"""Such rays as they set out."""
 
 HIT: Final[Fields] = {
     "t": number("distance of the best hit so far [lengths of the direction]"),
@@ -52,6 +71,13 @@ PART: Final[Fields] = {
     "radiance": vector("[W/(m² sr)]"),
 }
 """Parts of samples."""
+
+GATHERED: Final[Fields] = {
+    **_SLOT,
+    "radiance": long_vector("sum of all parts, in the order of their places [W/(m² sr)]"),
+    "distance": number("of what the ray met first [scene units]"),
+}
+"""What gather rays of irradiance records bring, all of it."""
 
 SEGMENT: Final[Fields] = {
     **chosen(PART, "slot", "place"),
@@ -142,6 +168,19 @@ SAMPLE: Final[Fields] = {
     "cell": integer("that contains it", least=-1, end=Many.CELLS),
 }
 """What first surfaces show."""
+
+PIXEL: Final[Fields] = {
+    "slot": integer("of its first sample"),
+    "direct": long_vector("[W/(m² sr)], as all that its samples come to"),
+    "indirect": long_vector("[W/(m² sr)]"),
+    "caustic": long_vector("[W/(m² sr)]"),
+    "normal": long_vector("of unit, shading normals"),
+    "albedo": long_vector("of the surfaces"),
+    "depth": long_number("of distances from the eye [scene units]"),
+    "hits": integer("samples that met a surface", least=0),
+    "cell": integer("that contains what the first sample met, -1 if that met nothing", least=-1, end=Many.CELLS),
+}
+"""Sums over the samples of pixels, added in the order of their numbers."""
 
 SITE: Final[Fields] = {
     **_SLOT,

@@ -44,7 +44,7 @@ ROW_BYTES = {kind: sum(item for *_, item in columns) for kind, columns in _PLAIN
 _GAPS = [bytes(size) for size in range(ALIGNMENT)]
 """What lies between two columns, by its length."""
 
-_DTYPES = {dtype: np.dtype(dtype) for dtype in ("<f4", "<i4", "<i8")}
+_DTYPES = {dtype: np.dtype(dtype) for dtype in ("<f4", "<f8", "<i4", "<i8")}
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,9 @@ from wdpm.scenes.errors import ProtocolError
 WAVE_SAMPLES = 1 << 16
 """Samples of a bucket that are under way at once: bounds memory, changes no bit."""
 
+_SUMMED: Final = ("direct", "indirect", "caustic", "normal", "albedo", "depth", "hits")
+"""Of Kind.PIXELS, those that are sums of a pixel (kernels.camera.add_samples.Sums)."""
+
 _ALIKE: Final = np.zeros(0, np.float32)
 """Weights of samples that all weigh 1."""
 
@@ -85,6 +88,7 @@ class BucketHome:
         self._cell = np.full(len(self._pixels), -1, np.int32)
         self._credit = 0
         self._slots: dict[str, NDArray[Any]] = {}
+        self._pixel_sums: list[Arrays] = []
         self._rays: Arrays = {}
         self._probing = False
         self._later: list[Arrays] = []
@@ -98,6 +102,7 @@ class BucketHome:
         self._wave = self._waves.popleft()
         pieces = [self._samples_in(piece) for piece in self._wave]
         total = sum(len(pixel) for pixel, _ in pieces)
+        self._pixel_sums = []
         rays: dict[str, NDArray[Any]] = {
             "slot": np.arange(total, dtype=np.int32),
             "pixel": np.concatenate([pixel for pixel, _ in pieces]),
@@ -108,7 +113,7 @@ class BucketHome:
         if self._view.routing is Routing.MERGE:
             yield from self._begin_merge(rays)
         else:
-            yield from self._begin_forward(rays)
+            yield from self._begin_forward({**rays, "together": self._together()})
 
     def _trace_whole(self, wave: Sequence[Piece]) -> bool:
         """Add a wave's samples at once, if that can be: nothing of it is under way then."""
@@ -150,6 +155,22 @@ class BucketHome:
         pixel: NDArray[np.int32] = np.repeat(self._pixels[group.rows], piece.stop - piece.start)
         return pixel, sample.reshape(-1)
 
+    def _together(self) -> NDArray[np.int32]:
+        """Of each sample of the wave, how many of its pixel may come home as one sum: START of kernels.ray_fields.
+
+        All that a pixel has so far, where they weigh the same: its sum is theirs.
+        """
+        together = [np.zeros(0, np.int32)]
+        for piece in self._wave:
+            each = np.zeros((len(self._groups[piece.group].rows), piece.stop - piece.start), np.int32)
+            if self._comes_as_sums(piece):
+                each[:, 0] = piece.stop
+            together.append(each.reshape(-1))
+        return np.concatenate(together)
+
+    def _comes_as_sums(self, piece: Piece) -> bool:
+        return piece.start == 0 and piece.stop > 1 and self._weights[piece.group] is None
+
     def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
         """The rays of a pixel set out together, in the cell that the first of them comes to first."""
         pixel = start["pixel"]
@@ -187,6 +208,8 @@ class BucketHome:
             self._merge(arrays)
         elif batch.kind is Kind.SAMPLES:
             self._fill(arrays, ("emission", "indirect", "depth", "normal", "albedo", "cell"))
+        elif batch.kind is Kind.PIXELS:
+            self._pixel_sums.append(arrays)
         elif batch.kind is Kind.LIT:
             self._add_parts(arrays)
         elif batch.kind is not Kind.ENDED:
@@ -275,7 +298,7 @@ class BucketHome:
             stop = start + len(self._groups[piece.group].rows) * (piece.stop - piece.start)
             self._add_piece(piece, start, stop, later)
             start = stop
-        self._wave, self._later, self._slots, self._rays = [], [], {}, {}
+        self._wave, self._later, self._slots, self._rays, self._pixel_sums = [], [], {}, {}, []
 
     def _add_piece(self, piece: Piece, start: int, stop: int, later: Arrays) -> None:
         """Add the samples in the slots start to stop - 1.
@@ -310,6 +333,27 @@ class BucketHome:
         )
         if piece.start == 0:
             self._cell[group.rows] = slots["cell"].reshape(-1, count)[:, 0]
+        for arrays in self._pixel_sums:
+            self._put_sums(piece, start, stop, arrays)
+
+    def _put_sums(self, piece: Piece, start: int, stop: int, arrays: Arrays) -> None:
+        """Have pixels whose samples came as sums be these: nothing else came of them.
+
+        Args:
+            start, stop: slots of the piece.
+            arrays: Kind.PIXELS.
+        """
+        mine = np.flatnonzero((arrays["slot"] >= start) & (arrays["slot"] < stop))
+        if not len(mine):
+            return
+        rows, within = np.divmod(arrays["slot"][mine] - start, piece.stop - piece.start)
+        if within.any() or not self._comes_as_sums(piece):
+            raise ProtocolError(f"a pixels batch for bucket {self.task.number} has sums of other samples than set out")
+        sums = columns.download(self._sums[piece.group], (*_SUMMED, "volume"))
+        for name in _SUMMED:
+            put_rows(sums[name], rows, take_rows(arrays[name], mine))
+        self._sums[piece.group] = columns.upload(add_samples.Sums, sums, self._replica.launcher.device)
+        self._cell[self._groups[piece.group].rows[rows]] = arrays["cell"][mine]
 
     def _parts_in_order(self) -> Arrays:
         """All parts beyond the first surface, by slot and place, and where those of each slot begin."""

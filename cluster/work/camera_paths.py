@@ -98,10 +98,11 @@ class CameraPaths:
 
     def start_camera(self, batch: Batch) -> Iterator[Batch]:
         """Intersect those camera rays that come here first; send the others to where they do."""
-        arrays = {**batch.arrays, **no_hits(len(batch), self._view)}
+        found = {**batch.arrays, **no_hits(len(batch), self._view)}
+        arrays = {name: found[name] for name in SCHEMAS[Kind.CAMERA]}
         rays = columns.upload(Rays, arrays, self._replica.launcher.device, written=())
         if self.within.can_be:
-            follows = self._followed(batch, rays, first=True)
+            follows = self._followed(batch, rays, first=True, together=batch.arrays["together"])
             if follows is not None:
                 yield from follows
                 return
@@ -257,6 +258,16 @@ class CameraPaths:
         onward = self._visit(rays, len(batch), fresh=False)
         yield from self._sort_out(batch.runs, columns.download(rays, SCHEMAS[Kind.PATH]), onward)
 
+    def start_paths(self, runs: Runs, paths: Any) -> Iterator[Batch]:
+        """Send paths on their way, of which those that come to this cell first are intersected at once.
+
+        Args:
+            runs: whose they are.
+            paths: kernels.camera.paths.Paths as they set out; those that carry nothing end.
+        """
+        onward = self._visit(paths, int(runs.rows.sum()), fresh=True)
+        yield from self._sort_out(runs, columns.download(paths, SCHEMAS[Kind.PATH]), onward)
+
     def _visit(self, rays: Any, count: int, *, fresh: bool) -> NDArray[np.int32]:
         """The cell that each ray of a path visits next; -1 where its hit, if any, is final; or PATH_ENDED.
 
@@ -319,21 +330,20 @@ class CameraPaths:
         yield replace(lit, runs=lit.runs.with_credit(rest_of(batch.runs, follows)))
         yield from follows
 
-    def _followed(self, batch: Batch, paths: Any, *, first: bool, visits: bool = False) -> Iterator[Batch] | None:
+    def _followed(self, batch: Batch, paths: Any, **how: Any) -> Iterator[Batch] | None:
         """What follows from paths that are followed as far as this cell reaches.
 
         Args:
-            paths, first, visits: of the batch, as WithinCell.follow takes them.
+            paths, how: of the batch, as WithinCell.follow takes them.
 
         Returns:
             None where guards are to count what happens: it is then to be found vertex by vertex.
         """
-        followed = self.within.follow(paths, len(batch), first=first, visits=visits)
+        followed = self.within.follow(paths, len(batch), **how)
         if followed is None:
             return None
         self.count_whole(followed.counts)
-        slots = batch.arrays["slot"] if first else None
-        return brought(self._cell, batch.runs, followed, self.shadows, self._view.light_samples, slots)
+        return brought(self._cell, batch.runs, followed, self.shadows, self._view.light_samples)
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
         """What the diffuse part of each vertex does, in views that leave a choice."""
@@ -442,8 +452,7 @@ class CameraPaths:
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(shaded["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
         if not throughput.any():
             return
-        onward = self._visit(going_on, len(cause), fresh=True)
-        for batch in self._sort_out(cause.runs, columns.download(going_on, SCHEMAS[Kind.PATH]), onward):
+        for batch in self.start_paths(cause.runs, going_on):
             if batch.kind is not Kind.ENDED:  # credit that never sets out goes home with the vertex's own light
                 yield batch
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, Arrays, Batch, Kind
 from wdpm.cluster.host_cache import CacheEntry
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.final_gather import FinalGatherCounters
@@ -122,6 +123,12 @@ class Cell:
         if self._in_files is not None:
             self._in_files.let_go()
         return traced
+
+    def start_paths(self, runs: Runs, paths: Any) -> Iterator[Batch]:
+        """As CameraPaths.start_paths."""
+        yield from self._camera_paths.start_paths(runs, paths)
+        if self._in_files is not None:
+            self._in_files.let_go()
 
     def count_whole(self, counts: Counts) -> None:
         """As CameraPaths.count_whole."""

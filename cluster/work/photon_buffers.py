@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Kind, concatenate, take
+from wdpm.cluster.rows import take_rows
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.pages import Pages
 from wdpm.kernels.photons import photon_map
@@ -65,7 +66,7 @@ class _Chunk:
     def add(self, arrays: Arrays, rows: NDArray[np.intp] | slice) -> None:
         """Add some rows, for which there is room."""
         for name, pages in self.pages.items():
-            chosen = arrays[name][rows]
+            chosen = arrays[name][rows] if isinstance(rows, slice) else take_rows(arrays[name], rows)
             pages.array[self.count : self.count + len(chosen)] = chosen
         self.count += len(chosen)
 

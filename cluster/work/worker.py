@@ -141,7 +141,7 @@ class CellWorker:
             scene = None if self._awaits_records else self._whole()
             home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples, scene)
         elif isinstance(task, RecordTask) and self.replica.view is not None:
-            home = RecordHome(task, self.number, self.replica, self.replica.view, self._whole())
+            home = RecordHome(task, self.number, self.replica, self.replica.view, self.cells, self._whole())
         else:
             raise ProtocolError(f"task {task.number} came before a view was set")
         self._homes[task.number] = home

@@ -14,7 +14,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, entry_of, inverse_direction, next_cell, next_cell_of
 from wdpm.kernels.rays.outlines import meets_outline
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
@@ -200,23 +200,19 @@ def make_visit_paths(features: Features) -> wp.Kernel:
         """As visit_camera_rays, for rays that carry where they come from.
 
         Args:
-            fresh: 1 for rays that have been nowhere yet: those are intersected only if this cell is the first on
-                their way, and those that carry nothing are PATH_ENDED. Else 0.
+            fresh: 1 for rays that have been nowhere yet, but begin here: those that carry nothing are PATH_ENDED.
+                Else 0.
         """
         i = offset + wp.tid()
         origin, direction = paths.origin[i], paths.direction[i]
-        onward = own_cell
-        if fresh != 0:
-            onward = PATH_ENDED
-            if wp.max(paths.throughput[i]) > 0.0:
-                onward = next_cell(cells, origin, direction, paths.t[i], -1)
-        if onward == own_cell:
+        onward = wp.int32(PATH_ENDED)
+        if fresh == 0 or wp.max(paths.throughput[i]) > 0.0:
             hit = load_hit(paths, i)
             found = closest_hit(trees, origin, direction, hit)
             if found.prim != hit.prim:
                 store_hit(found, i, paths)
                 paths.owner[i] = owner_of(cells, surfaces, found)
-            onward = next_cell(cells, origin, direction, found.t, own_cell)
+            onward = next_cell_of(cells, origin, direction, found.t, own_cell, fresh)
         next_cell_out[i] = onward
 
     return visit_paths

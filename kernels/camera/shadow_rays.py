@@ -22,7 +22,7 @@ from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_on_way, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_on_way, may_meet, next_cell, next_cell_of
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
@@ -80,21 +80,21 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
         """Look for a blocker in this cell: SHADOW_BLOCKED, SHADOW_CLEAR at the end of the way, or the next cell.
 
         Args:
-            fresh: 1 for segments that have been nowhere yet: those are looked at only if this cell is the first on
-                their way, and those that carry nothing are SHADOW_BLOCKED. Else 0.
+            fresh: 1 for segments that have been nowhere yet, but begin here: those that carry nothing are
+                SHADOW_BLOCKED. Else 0.
         """
         i = offset + wp.tid()
         origin, direction = segments.origin[i], segments.direction[i]
         onward = wp.int32(SHADOW_BLOCKED)
         if wp.max(segments.radiance[i]) > 0.0:
-            onward = own_cell
+            asks = wp.bool(True)
             if fresh != 0 and cells.count > 1:
-                onward = cell_on_way(cells, origin, direction, SEGMENT_END, -1, -1, True)
-            if onward == own_cell:
-                if any_hit(trees, origin, direction, SEGMENT_END):
-                    onward = SHADOW_BLOCKED
-                else:
-                    onward = next_cell(cells, origin, direction, SEGMENT_END, own_cell)
+                asks = may_meet(cells, own_cell, origin, direction, SEGMENT_END)
+            blocked = wp.bool(False)
+            if asks:
+                blocked = any_hit(trees, origin, direction, SEGMENT_END)
+            if not blocked:
+                onward = next_cell_of(cells, origin, direction, SEGMENT_END, own_cell, fresh)
         next_cell_out[i] = onward
 
     return visit_shadow_segments

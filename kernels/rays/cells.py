@@ -197,3 +197,26 @@ def cell_beside(
     it, then its way goes on from there, and may lead here once more: to the same hit.
     """
     return cell_on_way(cells, origin, direction, t_max, -1, own, True)
+
+
+@wp.func
+def may_meet(cells: wp.ref[Cells], cell: wp.int32, origin: wp.vec3, direction: wp.vec3, t_max: wp.float32) -> wp.bool:
+    """Whether a ray may meet something in a cell. Many a shadow ray meets nothing of an outline, and so no triangle."""
+    return meets_outline(cells.outlines, cell, origin, direction, inverse_direction(direction), t_max)
+
+
+@wp.func
+def next_cell_of(
+    cells: wp.ref[Cells], origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, own: wp.int32, fresh: wp.int32
+) -> wp.int32:
+    """The cell that a ray visits once `own` has been asked about it, or -1.
+
+    Args:
+        fresh: 1 where that was the first to be asked, whether or not it is first on the way: see cell_beside. Else 0.
+    """
+    cell = wp.int32(-1)
+    if fresh != 0:
+        cell = cell_beside(cells, origin, direction, t_max, own)
+    else:
+        cell = next_cell(cells, origin, direction, t_max, own)
+    return cell

@@ -42,7 +42,10 @@ UNCOVERED = wp.constant(8)
 TOLD = wp.constant(9)
 SHOTS_LEFT = wp.constant(10)
 PATHS_LEFT = wp.constant(11)
-COUNTS = wp.constant(12)
+RAYS_GATHERED = wp.constant(12)
+SEEN = wp.constant(13)
+PIXELS_DONE = wp.constant(14)
+COUNTS = wp.constant(15)
 
 # Of what is remembered of gathers.
 _OF_GLOBAL_MAP = wp.constant(0)

@@ -25,12 +25,20 @@ from wdpm.kernels.camera.vertices import (
 from wdpm.kernels.columns import FromFields, columns_of, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen, integer
-from wdpm.kernels.ray_fields import PART, PATH, SAMPLE, SEGMENT
+from wdpm.kernels.ray_fields import GATHERED, PART, PATH, PIXEL, SAMPLE, SEGMENT
 from wdpm.kernels.rays.cells import cell_beside, next_cell
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
-from wdpm.kernels.whole_samples.indirect_light import PATHS_LEFT, SHOTS_LEFT, TOLD, VERTICES, Notes, count
+from wdpm.kernels.whole_samples.indirect_light import (
+    PATHS_LEFT,
+    RAYS_GATHERED,
+    SEEN,
+    SHOTS_LEFT,
+    TOLD,
+    Notes,
+    count,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -62,9 +70,19 @@ class LeavingPaths(FromFields):
     """Paths that go on elsewhere, at most one for each that is followed."""
 
 
-@columns_of(chosen(SAMPLE, "emission", "indirect", "depth", "normal", "albedo"))
+@columns_of({**chosen(SAMPLE, "slot", "emission", "indirect", "depth", "normal", "albedo"), **_WHOSE})
 class FirstVertices(FromFields):
-    """What first vertices show, by the number of their path."""
+    """What first vertices show."""
+
+
+@columns_of({**GATHERED, **_WHOSE})
+class GatheredRays(FromFields):
+    """What gather rays of records bring that end in the cell with all that follows from them, in place of its parts."""
+
+
+@columns_of({**PIXEL, **_WHOSE})
+class PixelSums(FromFields):
+    """Samples that set out together and came to their ends in the cell, added up, in place of their parts."""
 
 
 @wp.struct
@@ -75,6 +93,8 @@ class Leaving:
     shots: LeavingShots
     paths: LeavingPaths
     first: FirstVertices
+    gathered: GatheredRays
+    pixels: PixelSums
 
 
 @wp.struct
@@ -238,6 +258,16 @@ def place_of_emission(p: Vertex, light_samples: wp.int32) -> wp.int32:
 
 
 @wp.func
+def is_gather_ray(p: Vertex, orders: Orders, first_ray: wp.int32) -> wp.bool:
+    """Whether a path is a gather ray of a record where it arrives.
+
+    Args:
+        first_ray: number of a record's first.
+    """
+    return orders.diffuse_light == BY_FINAL_GATHER and p.bounce == 1 and p.sample >= first_ray
+
+
+@wp.func
 def tell_of_vertex(
     p: Vertex,
     found: Found,
@@ -247,19 +277,49 @@ def tell_of_vertex(
     parts_out: wp.ref[Parts],
     notes: wp.ref[Notes],
 ) -> None:
-    """Bring home what a vertex shows. What the camera sees of a first one is left to whoever writes it down."""
+    """Bring home what a vertex shows. Of a first one the rest is told once its path is at its end: tell_of_first."""
     each = orders.light_samples
     if p.bounce == 0:
-        first_out.emission[within.whose] = found.emission
-        first_out.indirect[within.whose] = found.indirect
+        n = notes.counts[SEEN]
+        first_out.emission[n] = found.emission
+        first_out.indirect[n] = found.indirect
     else:
-        count(notes, VERTICES, 1)
         tell(p.slot, place_of_emission(p, each), found.emission, within, parts_out, notes)
         tell(
             p.slot, place_of(p.bounce, p.diffuse, each, each + INDIRECT_PART), found.indirect, within, parts_out, notes
         )
-        if orders.diffuse_light == BY_FINAL_GATHER and p.bounce == 1 and p.sample >= within.first_ray:
+        if is_gather_ray(p, orders, within.first_ray):
             place = place_of(p.bounce, p.diffuse, each, each + REACH_PART)
             how_far = wp.vec3(p.t * wp.length(p.direction), 0.0, 0.0)
             tell(p.slot, place, how_far, within, parts_out, notes)
     tell(p.slot, place_of(p.bounce, p.diffuse, each, each + CAUSTIC_PART), found.caustic, within, parts_out, notes)
+
+
+@wp.func
+def left_by(notes: wp.ref[Notes]) -> wp.int32:
+    """How much has left the cell so far."""
+    return notes.counts[SHOTS_LEFT] + notes.counts[PATHS_LEFT]
+
+
+@wp.func
+def tell_of_ray(
+    slot: wp.int32,
+    radiance: wp.vec3d,
+    distance: wp.float32,
+    told: wp.int32,
+    within: Within,
+    gathered_out: wp.ref[GatheredRays],
+    notes: wp.ref[Notes],
+) -> None:
+    """Bring home a gather ray of which nothing has left the cell, in place of the parts that were told of it.
+
+    Args:
+        told: how many parts there were before it.
+    """
+    notes.counts[TOLD] = told
+    n = notes.counts[RAYS_GATHERED]
+    gathered_out.slot[n] = slot
+    gathered_out.radiance[n] = radiance
+    gathered_out.distance[n] = distance
+    gathered_out.whose[n] = within.whose
+    count(notes, RAYS_GATHERED, 1)

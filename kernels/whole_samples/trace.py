@@ -33,11 +33,13 @@ from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites, record_path
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
-from wdpm.kernels.rays.cells import cell_on_way, next_cell
+from wdpm.kernels.rays.cells import cell_beside, cell_on_way, may_meet
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 from wdpm.kernels.whole_samples.indirect_light import (
+    SEEN,
     SPOILT,
+    TOLD,
     VERTICES,
     Decision,
     KnownLight,
@@ -52,12 +54,25 @@ from wdpm.kernels.whole_samples.leaving import (
     Leaving,
     Within,
     has_room,
+    is_gather_ray,
     leave_by_path,
     leave_by_shot,
+    left_by,
     make_look_along,
     place_of_emission,
     tell,
+    tell_of_ray,
     tell_of_vertex,
+)
+from wdpm.kernels.whole_samples.sample import (
+    Pixel,
+    Sample,
+    load_pixel,
+    store_pixel,
+    tell_of_first,
+    tell_of_pixel,
+    with_sample,
+    with_vertex,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -79,24 +94,6 @@ class Pixels:
     pixel: wp.array[wp.int32]
     first: wp.array[wp.int32]
     weight: wp.array[wp.float32]
-
-
-@wp.struct
-class Sample:
-    """What one sample comes to.
-
-    Attributes:
-        depth: negative where a camera ray met nothing.
-        reach: how far the first ray went [scene units]; inf if it met nothing.
-    """
-
-    direct: wp.vec3d
-    indirect: wp.vec3d
-    caustic: wp.vec3d
-    normal: wp.vec3
-    albedo: wp.vec3
-    depth: wp.float32
-    reach: wp.float32
 
 
 @wp.func
@@ -141,17 +138,20 @@ def make_arriving(features: Features) -> wp.Function:
             direction = scratch.shots.direction[j]
             onward = within.cell
             if within.cell != WHOLE_SCENE:
-                onward = cell_on_way(scene.cells, origin, direction, SEGMENT_END, -1, -1, True)
                 if wp.static(features.walks):  # it is walked by other kernels, from the cell where it begins
+                    onward = cell_on_way(scene.cells, origin, direction, SEGMENT_END, -1, -1, True)
                     onward = wp.where(onward < 0, within.cell, onward)
                     leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)
                     return wp.vec3(0.0)
             if wp.static(not features.walks):
-                if onward == within.cell:
+                asks = wp.bool(True)
+                if within.cell != WHOLE_SCENE:
+                    asks = may_meet(scene.cells, within.cell, origin, direction, SEGMENT_END)
+                if asks:
                     if any_hit(trees, origin, direction, SEGMENT_END):
                         return wp.vec3(0.0)
-                    if within.cell != WHOLE_SCENE:
-                        onward = next_cell(scene.cells, origin, direction, SEGMENT_END, within.cell)
+                if within.cell != WHOLE_SCENE:
+                    onward = cell_beside(scene.cells, origin, direction, SEGMENT_END, within.cell)
                 if onward >= 0:
                     leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)
                     return wp.vec3(0.0)
@@ -183,35 +183,6 @@ def finite_or_spoilt(radiance: wp.vec3, notes: wp.ref[Notes]) -> wp.vec3:
     if not wp.isfinite(radiance):
         count(notes, SPOILT, 1)
     return radiance
-
-
-@wp.func
-def with_vertex(sample: Sample, p: Vertex, found: Found, lit: wp.vec3d, weight: wp.float32, orders: Orders) -> Sample:
-    """A sample with what one more vertex of its path shows.
-
-    Args:
-        lit: light of all of the vertex's shadow rays, weighted.
-        orders: of first vertices.
-    """
-    emission = wp.vec3d(found.emission * weight)
-    caustic = wp.vec3d(found.caustic * weight)
-    if p.bounce == 0:
-        sample.direct = emission + lit * (wp.float64(1.0) / wp.float64(orders.light_samples))
-    else:
-        if p.diffuse > 0:
-            sample.indirect += lit
-        else:
-            sample.direct += lit
-        if p.diffuse > 1:
-            sample.indirect += emission
-        else:
-            sample.direct += emission
-    sample.indirect += wp.vec3d(found.indirect * weight)
-    if p.diffuse > 0:
-        sample.indirect += caustic
-    else:
-        sample.caustic += caustic
-    return sample
 
 
 @functools.cache
@@ -280,7 +251,8 @@ def make_trace(features: Features) -> wp.Function:
         ints: wp.array[wp.int32],
         notes: wp.ref[Notes],
     ) -> Sample:
-        """One path: to its end, or to where it leaves the cell. What it comes to within one of several is written down.
+        """One path: to its end, or to where it leaves the cell. What it comes to within one of several is written down
+        too.
 
         Args:
             p: as its first ray sets out or comes by (within.visits), or (prim >= 0) with what that met.
@@ -312,7 +284,7 @@ def make_trace(features: Features) -> wp.Function:
                     if within.cell != WHOLE_SCENE:
                         place = place_of_emission(p, orders.light_samples)
                         tell(p.slot, place, beyond, within, leaving.parts, notes)
-                    elif p.diffuse > 1:
+                    if p.diffuse > 1:
                         sample.indirect += wp.vec3d(beyond * weight)
                     else:
                         sample.direct += wp.vec3d(beyond * weight)
@@ -330,10 +302,9 @@ def make_trace(features: Features) -> wp.Function:
                     lit += wp.vec3d(arrives * weight)
                 if within.cell != WHOLE_SCENE:
                     tell_of_vertex(p, found, orders, within, leaving.first, leaving.parts, notes)
-                else:
-                    sample = with_vertex(sample, p, found, lit, weight, orders)
-                    if p.bounce > 0:
-                        count(notes, VERTICES, 1)
+                if p.bounce > 0:
+                    count(notes, VERTICES, 1)
+                sample = with_vertex(sample, p, found, lit, weight, orders)
                 if p.bounce == 0:
                     sample.depth = scratch.seen.depth[0]
                     sample.normal = scratch.seen.normal[0] * weight
@@ -383,6 +354,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         rays: ArrivedRays,
         paths: Paths,
         camera_rays: Rays,
+        together: wp.array[wp.int32],
         cell: wp.int32,
         visits: wp.int32,
         start: wp.int32,
@@ -409,6 +381,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         Args:
             sites: of the records.
             paths, camera_rays: with final hits in the cell, or on their way through it.
+            together: of camera rays, as kernels.ray_fields.START; without any, each comes home alone.
             cell: its number; WHOLE_SCENE where it is the only one.
             visits: 1 where they are on their way. Else 0.
             start: of gather rays, and of paths, the number of a record's first.
@@ -427,33 +400,43 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         within.cell = cell
         within.first_ray = start
         within.visits = visits
-        for i in range(first + wp.tid(), end):
+        i = first + wp.tid()
+        while i < end:
+            rows = wp.int32(1)
             if cell != WHOLE_SCENE:
-                within.whose = i - first
-                within.later = end - 1 - i
-                p = Vertex()
-                if camera_rays.pixel.shape[0] > 0:
-                    p = first_vertex(scene.camera, camera_rays, i)
-                else:
-                    p = camera_path(scene.camera, paths, i)
-                found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
-                if p.bounce == 0:
-                    leaving_out.first.depth[i - first] = found.depth
-                    leaving_out.first.normal[i - first] = found.normal
-                    leaving_out.first.albedo[i - first] = found.albedo
+                told = notes.counts[TOLD]
+                seen = notes.counts[SEEN]
+                left = left_by(notes)
+                if together.shape[0] > 0 and together[i] > 1:
+                    rows = wp.min(together[i], end - i)
+                pixel = Pixel()
+                for s in range(rows):
+                    within.whose = i + s - first
+                    within.later = end - 1 - i - s
+                    p = Vertex()
+                    if camera_rays.pixel.shape[0] > 0:
+                        p = first_vertex(scene.camera, camera_rays, i + s)
+                    else:
+                        p = camera_path(scene.camera, paths, i + s)
+                    found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
+                    pixel = with_sample(pixel, found)
+                    if s == 0:
+                        pixel.slot = p.slot
+                        pixel.cell = wp.where(found.depth >= 0.0, cell, -1)
+                    if p.bounce == 0:
+                        tell_of_first(p.slot, found, within, leaving_out.first, notes)
+                    elif is_gather_ray(p, orders, start) and left_by(notes) == left:
+                        radiance = found.direct + found.indirect
+                        tell_of_ray(p.slot, radiance, found.reach, told, within, leaving_out.gathered, notes)
+                if rows > 1 and rows == together[i] and left_by(notes) == left:
+                    tell_of_pixel(pixel, told, seen, within, leaving_out.pixels, notes)
             elif rays.prim.shape[0] > 0:
                 p = arrived_ray(scene, sites, rays, i, start)
                 found = trace(scene, trees, known, p, 1.0, orders, within, scratch, leaving_out, keys, ints, notes)
                 radiance_out[i] = found.direct + found.indirect
                 distance_out[i] = found.reach
             else:
-                direct = sums.direct[i]
-                indirect = sums.indirect[i]
-                caustic = sums.caustic[i]
-                normal = sums.normal[i]
-                albedo = sums.albedo[i]
-                depth = sums.depth[i]
-                hits = sums.hits[i]
+                pixel = load_pixel(sums, i)
                 hit_out[i] = 0
                 for s in range(samples):
                     weight = wp.float32(1.0)
@@ -463,23 +446,11 @@ def make_trace_samples(features: Features) -> wp.Kernel:
                     found = trace(
                         scene, trees, known, p, weight, orders, within, scratch, leaving_out, keys, ints, notes
                     )
-                    if found.depth >= 0.0:
-                        hits += 1
-                        depth += wp.float64(found.depth)
-                        normal += wp.vec3d(found.normal)
-                        albedo += wp.vec3d(found.albedo)
-                        if s == 0:
-                            hit_out[i] = 1
-                    direct += found.direct
-                    indirect += found.indirect
-                    caustic += found.caustic
-                sums_out.direct[i] = direct
-                sums_out.indirect[i] = indirect
-                sums_out.caustic[i] = caustic
+                    pixel = with_sample(pixel, found)
+                    if s == 0 and found.depth >= 0.0:
+                        hit_out[i] = 1
+                store_pixel(pixel, i, sums_out)
                 sums_out.volume[i] = sums.volume[i]
-                sums_out.normal[i] = normal
-                sums_out.albedo[i] = albedo
-                sums_out.depth[i] = depth
-                sums_out.hits[i] = hits
+            i += rows
 
     return trace_samples

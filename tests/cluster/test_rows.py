@@ -105,3 +105,8 @@ def test_no_chosen_row_goes_nowhere() -> None:
     for chosen in ([True, True], [False, True]):
         with pytest.raises(ProtocolError, match="on its way to cell -1"):
             list(by_destination(np.array([3, -1], np.int32), np.array(chosen)))
+
+
+def test_nothing_adds_up_to_zeros_in_double() -> None:
+    light = summed(np.zeros(0, np.int32), np.zeros((0, 3), np.float32), 4)
+    assert (light.dtype, light.tolist()) == (np.float64, [[0.0] * 3] * 4)

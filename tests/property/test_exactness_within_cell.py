@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import random
 import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -26,8 +27,10 @@ from test_exactness_whole_samples import (
 )
 from test_exactness_whole_samples import SCENES as WITH_KERNELS
 
-from wdpm.cluster.render_settings import RenderSettings, Routing
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work import bucket_home
+from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole import within_cell
 from wdpm.cluster.work.whole.within_cell import FollowedPaths, WithinCell
@@ -77,6 +80,12 @@ def remembered(monkeypatch: pytest.MonkeyPatch) -> list[FollowedPaths | None]:
     return every
 
 
+def rows_of(launched: list[FollowedPaths | None], items: str, name: str) -> NDArray[np.int32]:
+    """A column of what all launches told in one of their lists."""
+    told = [getattr(one, items) for one in launched if one is not None]
+    return np.concatenate([some[name] for some in told if some])
+
+
 @pytest.mark.parametrize(
     ("name", "chosen"),
     [
@@ -92,6 +101,9 @@ def test_the_same_bits_and_counts(name: str, chosen: RenderSettings, monkeypatch
     launched = remembered(monkeypatch)
     image = divided(SCENES[name], chosen)
     assert any(one is not None and len(one.paths["slot"]) for one in launched)
+    if name != "panes":  # whose shadow rays are walked elsewhere
+        assert len(rows_of(launched, "pixels", "slot"))
+        assert bool(len(rows_of(launched, "gathered", "slot"))) == (chosen.indirect is Indirect.CACHE)
     assert same_bits(image, expected)
     assert counted_of(image) == counted_of(expected)
     assert all(expected.layers[layer].any() for layer in ("direct", "indirect"))
@@ -166,10 +178,17 @@ def test_camera_rays_go_on_from_cell_to_cell(monkeypatch: pytest.MonkeyPatch) ->
     assert (onward[bounce == 0] >= 0).any()
     assert (onward[bounce == 0] < 0).any()
     launched.clear()
+    set_out: list[int] = []
+    start = CameraPaths.start_camera
+
+    def count(self: CameraPaths, batch: Batch) -> Iterator[Batch]:
+        set_out.append(len(batch))
+        return start(self, batch)
+
+    monkeypatch.setattr(CameraPaths, "start_camera", count)
     assert same_bits(divided(SCENES["diffuse"], PATH, cells=8, workers=3), alone(SCENES["diffuse"], PATH))
-    followed = [one for one in launched if one is not None]
-    left = sum(np.count_nonzero(one.paths["bounce"] == 0) for one in followed)
-    assert sum(np.count_nonzero(one.first["depth"] < 0) for one in followed if one.first) > left
+    hits = rows_of(launched, "pixels", "hits").sum() + len(rows_of(launched, "first", "slot"))
+    assert 0 < hits < sum(set_out)
 
 
 def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import warp as wp
@@ -41,11 +41,21 @@ class RecordHome:
     """Some of a round's candidates.
 
     Args:
+        held: cells of the same worker, by number.
         scene: the only cell, where it can follow gather rays to their ends at once.
     """
 
-    def __init__(self, task: RecordTask, number: int, replica: Replica, view: View, scene: Cell | None = None) -> None:
+    def __init__(
+        self,
+        task: RecordTask,
+        number: int,
+        replica: Replica,
+        view: View,
+        held: Mapping[int, Cell],
+        scene: Cell | None = None,
+    ) -> None:
         self.task = task
+        self._held = held
         self._scene = scene
         self._number = number
         self._replica = replica
@@ -56,6 +66,7 @@ class RecordHome:
         self._strata = view.cache.strata(task.round)
         self._credit = 0
         self._found: list[Arrays] = []
+        self._where: Counter[int] = Counter()  # sites, by their cells
         self._sites: Arrays = {}
         self._next_site = 0
         self._searching = True
@@ -90,7 +101,8 @@ class RecordHome:
         if batch.kind is Kind.RECORD_SITES and self._searching:
             self._check_slots(batch, len(self._pixels))
             self._found.append(batch.arrays)
-        elif batch.kind is Kind.LIT and self._wave is not None:
+            self._where[batch.cell] += len(batch)
+        elif batch.kind in (Kind.LIT, Kind.GATHERED) and self._wave is not None:
             self._check_slots(batch, len(self._wave))
             self._wave.take(batch)
         elif batch.kind is not Kind.ENDED:
@@ -182,10 +194,10 @@ class RecordHome:
         self._wave = RecordWave(self._replica, self._view, self._site, self._numbers(), self._strata, rays)
         if self._scene is not None and self._wave.trace_whole(self._scene):
             return
-        going = list(self._wave.start())
-        self._credit = sum(credit for _, credit, _ in going)
-        for cell, credit, sent in going:
-            yield self._batch(Kind.PATH, cell, credit, sent)
+        [(most, _)] = self._where.most_common(1)
+        going = list(self._wave.start(self.task.number, self._number, self._held.get(most)))
+        self._credit = sum(batch.credit for batch in going)
+        yield from going
 
     def _numbers(self) -> NDArray[np.int64]:
         """Of the records that are made here."""

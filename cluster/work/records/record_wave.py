@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.records import RAY_SAMPLES
-from wdpm.cluster.rows import in_order, summed, take_rows
+from wdpm.cluster.rows import in_order, put_rows, summed, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.cell import Cell
@@ -125,6 +126,7 @@ class RecordWave:
         self._strata = strata
         self._rays = rays
         self._lit: list[Arrays] = []
+        self._gathered: list[Arrays] = []
         self._whole: NDArray[np.float64] | None = None  # what came along each, where all is known at once
         self.distance = np.zeros(0, np.float32)
 
@@ -183,24 +185,46 @@ class RecordWave:
         scene.count_whole(traced.counts)
         return True
 
-    def start(self) -> Iterator[tuple[int, int, Arrays]]:
-        """Send all rays on their way: cell, credit and Kind.PATH of each batch."""
-        replica, view, count = self._replica, self._view, len(self._rays)
-        device = replica.launcher.device
+    def start(self, task: int, home: int, cell: Cell | None) -> Iterator[Batch]:
+        """Send all rays on their way.
+
+        Args:
+            task, home: whose they are.
+            cell: of the same worker, where most of them set out; it is asked at once about all that come to it first.
+                So others are sent all of theirs together, and what has arrived is sorted as one. None: that is another
+                worker's.
+        """
         begun = self._begin()
-        paths, self.distance = begun.paths, begun.distance
-        first = columns.integers(count, device)
+        self.distance = begun.distance
+        if cell is None:
+            yield from self._start_elsewhere(task, home, begun.paths)
+            return
+        for batch in cell.start_paths(Runs.one(home, task, len(self), 0), begun.paths):
+            if batch.kind is not Kind.ENDED:  # credit that never sets out
+                yield batch
+
+    def _start_elsewhere(self, task: int, home: int, paths: Any) -> Iterator[Batch]:
+        """Send all rays to the cells that they come to first.
+
+        Args:
+            paths: kernels.camera.paths.Paths.
+        """
+        replica, view, count = self._replica, self._view, len(self._rays)
+        first = columns.integers(count, replica.launcher.device)
         misses = int(replica.world.features.misses)
         replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, misses=misses, next_cell_out=first)
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):
-            sent = take(arrays, rows)
-            of_task = Runs.one(0, 0, len(rows), 0)  # its home and its number don't matter here
-            yield cell, int(parts.credit_of(of_task, sent["bounce"], view.light_samples).sum()), sent
+            sent, runs = take(arrays, rows), Runs.one(home, task, len(rows), 0)
+            credit = parts.credit_of(runs, sent["bounce"], view.light_samples)
+            yield Batch(Kind.PATH, cell, runs.with_credit(credit), sent)
 
     def take(self, batch: Batch) -> None:
         """Light that came along some rays, and how far they went."""
         lit = batch.arrays
+        if batch.kind is Kind.GATHERED:
+            self._gathered.append(lit)
+            return
         reach = parts.part_of(lit["place"], self._view.light_samples) == parts.REACH
         rows = np.flatnonzero(reach)
         self.distance[lit["slot"][rows]] = lit["radiance"][rows, 0]
@@ -215,4 +239,9 @@ class RecordWave:
         self._lit = []
         order = in_order(together["slot"], together["place"])
         slot, radiance = together["slot"][order], take_rows(together["radiance"], order)
-        return summed(slot, radiance, len(self._rays))
+        light = summed(slot, radiance, len(self._rays))
+        for gathered in self._gathered:
+            put_rows(light, gathered["slot"], gathered["radiance"])
+            self.distance[gathered["slot"]] = gathered["distance"]
+        self._gathered = []
+        return light

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind, by_destination, take
 from wdpm.cluster.runs import Runs
@@ -21,7 +20,6 @@ def brought(
     followed: FollowedPaths,
     shadows: Shadows,
     light_samples: int,
-    slots: NDArray[np.int32] | None = None,
 ) -> Iterator[Batch]:
     """What paths bring home, and what goes on elsewhere.
 
@@ -30,24 +28,26 @@ def brought(
         runs: whose they are, with their credit.
         shadows: sends shadow rays on.
         light_samples: of the view.
-        slots: of camera rays, of which first vertices are told; None of paths that have left theirs.
     """
     follows = [*shadows.send_on(runs, followed.shots), *_going_on(runs, followed, light_samples)]
-    lit = followed.parts
-    of_light = runs.among(lit["whose"])
-    arrived = {name: lit[name] for name in SCHEMAS[Kind.LIT]}
-    if slots is None:
-        yield Batch(Kind.LIT, cell, of_light.with_credit(rest_of(runs, follows)), arrived)
-        yield from follows
-        return
-    gone = followed.paths["whose"][followed.paths["bounce"] == 0]
-    left = runs.sums(np.bincount(gone, minlength=len(slots)))
-    # A part of the credit of each camera ray that is still here comes with its light.
-    follows.append(Batch(Kind.LIT, cell, of_light.with_credit(runs.rows - left), arrived))
-    hits = np.flatnonzero(followed.first["depth"] >= 0)
-    samples = take({"slot": slots, **followed.first}, hits)
-    samples["cell"] = np.full(len(hits), cell, np.int32)
-    yield Batch(Kind.SAMPLES, cell, runs.among(hits).with_credit(rest_of(runs, follows)), samples)
+    left = rest_of(runs, follows)
+    lists = {
+        Kind.GATHERED: followed.gathered,
+        Kind.PIXELS: followed.pixels,
+        Kind.SAMPLES: followed.first,
+        Kind.LIT: followed.parts,
+    }
+    there = [kind for kind, items in lists.items() if items and len(items["whose"])] or [Kind.LIT]
+    for kind in there:
+        items = lists[kind]
+        of_kind = runs.among(items["whose"])
+        # A part of a task's credit comes with each kind, and all that is left with the last.
+        credit = left if kind is there[-1] else np.minimum(of_kind.rows, 1)
+        left = left - credit
+        arrays = {name: items[name] for name in SCHEMAS[kind] if name in items}
+        if kind is Kind.SAMPLES:
+            arrays["cell"] = np.full(len(arrays["slot"]), cell, np.int32)
+        yield Batch(kind, cell, of_kind.with_credit(credit), arrays)
     yield from follows
 
 

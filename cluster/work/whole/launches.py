@@ -195,6 +195,7 @@ def _nothing(device: str) -> dict[str, Any]:
         "rays": columns.empty(ArrivedRays, 0, device),
         "paths": columns.empty(Paths, 0, device),
         "camera_rays": columns.empty(Rays, 0, device),
+        "together": columns.integers(0, device),
         "cell": int(leaving.WHOLE_SCENE),
         "visits": 0,
         "start": 0,

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import warp as wp
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.records import RAY_SAMPLES
@@ -34,15 +36,17 @@ class FollowedPaths(NamedTuple):
         parts: Kind.LIT, and `whose`: the number of the path, ascending.
         shots, paths: Kind.SHADOW and Kind.PATH, `whose` and `onward` (kernels.whole_samples.leaving). Those of camera
             rays that left before they had a vertex have no bounce.
-        first: of camera rays what their first vertices show, one a ray, depth negative where there was none; else
-            nothing.
+        gathered: Kind.GATHERED, and `whose`: gather rays of records of which nothing has left the cell.
+        first, pixels: Kind.SAMPLES, but for the cell, and Kind.PIXELS, and `whose`: of camera rays; else nothing.
         counts: what they did.
     """
 
     parts: Arrays
     shots: Arrays
     paths: Arrays
+    gathered: Arrays
     first: Arrays
+    pixels: Arrays
     counts: Counts
 
 
@@ -69,7 +73,9 @@ class WithinCell:
             return False
         return all(plan.band >= plan.radius for plan in world.maps)
 
-    def follow(self, paths: Any, count: int, *, first: bool, visits: bool = False) -> FollowedPaths | None:
+    def follow(
+        self, paths: Any, count: int, *, first: bool, visits: bool = False, together: NDArray[np.int32] | None = None
+    ) -> FollowedPaths | None:
         """Follow paths until they end, or leave the cell.
 
         Args:
@@ -77,11 +83,12 @@ class WithinCell:
             first: whether these are camera rays (kernels.camera.rays.Rays); else paths that have left a first vertex
                 (kernels.camera.paths.Paths).
             visits: whether they are on their way through it instead, with their best hits so far.
+            together: which may come home as one sum: kernels.ray_fields.START; None for none.
 
         Returns:
             what came of them; None where something happened that guards count: then it is to be found vertex by vertex.
         """
-        replica = self._launches.replica
+        replica, device = self._launches.replica, self._launches.replica.launcher.device
         shots = int(vertices.SHOTS_LATER)
         if first and replica.view is not None:
             shots = replica.view.light_samples
@@ -93,8 +100,10 @@ class WithinCell:
                 "shots": ROOM_VERTICES * size * shots,
                 "paths": size,
                 "first": size if first else 0,
+                "gathered": 0 if first else size,
+                "pixels": 0 if together is None else (size + 1) // 2,
             }
-            made = columns.empty_nested(leaving.Leaving, rows, replica.launcher.device)
+            made = columns.empty_nested(leaving.Leaving, rows, device)
             chunks.append((start, made))
             return {"leaving_out": made}
 
@@ -104,6 +113,7 @@ class WithinCell:
             room_for,
             shots=shots,
             **{"camera_rays" if first else "paths": paths},
+            **({} if together is None else {"together": columns.array_over(together, wp.int32, device)}),
             cell=self._cell,
             visits=int(visits),
             start=RAY_SAMPLES,
@@ -111,17 +121,16 @@ class WithinCell:
         counts = sum_of(notes)
         if counts[indirect_light.SPOILT]:
             return None
-        parts, left_shots, left_paths = (
-            _joined(
-                [
-                    _written(getattr(made, name), start, int(each[number]))
-                    for (start, made), each in zip(chunks, notes, strict=True)
-                ]
-            )
-            for name, number in _LISTS.items()
-        )
-        of_first = _joined([_all_of(made.first) for _, made in chunks]) if first else {}
-        return FollowedPaths(parts, left_shots, left_paths, of_first, counts)
+
+        def told_of(name: str, number: int) -> Arrays:
+            pieces = zip(chunks, notes, strict=True)
+            return _joined([_written(getattr(made, name), start, int(each[number])) for (start, made), each in pieces])
+
+        parts, left_shots, left_paths = (told_of(name, number) for name, number in _LISTS.items())
+        gathered = {} if first else told_of("gathered", int(indirect_light.RAYS_GATHERED))
+        of_first = told_of("first", int(indirect_light.SEEN)) if first else {}
+        pixels = {} if together is None else told_of("pixels", int(indirect_light.PIXELS_DONE))
+        return FollowedPaths(parts, left_shots, left_paths, gathered, of_first, pixels, counts)
 
 
 _LISTS = {
@@ -129,7 +138,7 @@ _LISTS = {
     "shots": int(indirect_light.SHOTS_LEFT),
     "paths": int(indirect_light.PATHS_LEFT),
 }
-"""Of kernels.whole_samples.leaving.Leaving, and what counts their items."""
+"""Of kernels.whole_samples.leaving.Leaving, those that all have, and what counts their items."""
 
 
 def _written(items: Any, start: int, count: int) -> Arrays:

@@ -45,7 +45,7 @@ def require_same(arrived: Batch, sent: Batch) -> None:
 def column_of(rng: np.random.Generator, field: Field, count: int, manner: str) -> NDArray[Any]:
     """A column of a field that is of one manner, with bits that are no ordinary numbers among them."""
     channels = int(np.prod(field.shape, dtype=int))
-    words = 2 if field.dtype == "<i8" else 1
+    words = np.dtype(field.dtype).itemsize // 4
     bits = rng.integers(0, 1 << 32, (count, channels * words), dtype=np.uint64).astype(np.uint32)
     bits[rng.random(bits.shape) < 0.2] = rng.choice(np.array(SPECIAL_BITS, np.uint32))
     match manner:
@@ -54,7 +54,7 @@ def column_of(rng: np.random.Generator, field: Field, count: int, manner: str) -
         case "runs":
             bits = bits[np.sort(rng.integers(0, max(1, count // 9), count))]
         case "first channel" if channels > 1:
-            bits[rng.random(count) < 0.6, 1:] = 0
+            bits[rng.random(count) < 0.6, words:] = 0
         case "mostly none":
             bits[rng.random(count) < 0.7] = rng.choice(np.array(SPECIAL_BITS, np.uint32))
     column = np.ascontiguousarray(bits).view(field.dtype).reshape(count, *field.shape)

@@ -114,6 +114,20 @@ def test_pieces_have_the_rows_and_the_credit_of_the_whole(count: int, unit: int,
     assert np.concatenate([piece.arrays["path"] for piece in found]).tolist() == list(range(count))
 
 
+@given(st.lists(st.integers(1, 7), min_size=1, max_size=20), st.booleans(), st.integers(1, 20))
+def test_samples_that_set_out_together_stay_together(counts: list[int], alone: bool, most: int) -> None:
+    """Pixels of so many samples, the last ones perhaps each on its own."""
+    together = np.concatenate([[count, *[0] * (count - 1)] for count in counts] + [[0] * 5 if alone else []])
+    whole = Batch.of_task(Kind.START, 3, 2, 1, len(together), arrays(Kind.START, len(together)))
+    whole.arrays["together"][:] = together
+    found = [piece.arrays["together"] for piece in pieces(whole, most)]
+    assert np.array_equal(np.concatenate(found), together)
+    for first in found:
+        begins = np.flatnonzero(first)
+        assert (begins + first[begins] <= len(first)).all()
+    assert all(len(piece) <= max(most, *counts, 1) for piece in found)
+
+
 def test_a_batch_whose_credit_is_not_that_of_its_rows_stays_whole() -> None:
     probe = Batch.of_task(Kind.PROBE, 3, 2, 1, 1, arrays(Kind.PROBE, 10))
     assert list(pieces(probe, 4)) == [probe]

@@ -6,7 +6,7 @@ from unittest import mock
 
 import pytest
 
-from wdpm.cluster.batch import TO_HOME, Batch
+from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work import worker
@@ -27,7 +27,8 @@ def test_no_bit_depends_on_how_large_pieces_are(most: int) -> None:
         original(self, batch, outbox)
         made = outbox.batches[before:]
         assert batch.kind not in TO_HOME
-        assert all(len(piece) <= most for piece in made)
+        together = int(batch.arrays["together"].max()) if batch.kind is Kind.START else 0
+        assert all(len(piece) <= max(most, together) for piece in made)
         assert sum(map(len, made)) == len(batch)
         assert sum(piece.credit for piece in made) == batch.credit
         put_off.append(len(made))
