@@ -359,8 +359,8 @@ def add_compile_option(group: argparse._ActionsContainer) -> None:
         default=Compiling.BESIDE,
         metavar="beside|first|no",
         help="when to compile kernels for just this scene's effects, if they are not in the cache. beside: render with "
-        "kernels for all effects, which give the same bits, and compile in the background after 20 seconds, or after "
-        "the render, for later passes and renders; first: compile, then render; no: never (default: beside)",
+        "kernels for all effects, which give the same bits, and compile in the background after the render, or beside "
+        "passes that begin after 20 seconds; first: compile, then render; no: never (default: beside)",
     )
 
 
