@@ -10,7 +10,7 @@ from dataclasses import replace
 import warp as wp
 
 from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded
-from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
+from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays, splats
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
     arrivals,
@@ -65,6 +65,7 @@ COMMON = (
     record_smoothing,
     add_samples,
     filter_weights,
+    splats,
     shadow_rays,
     surface_points,
     guide_pilot,

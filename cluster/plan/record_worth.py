@@ -20,6 +20,7 @@ from wdpm.cluster.plan.trial.prices import tolerance_for
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.kernels.camera.pixel_filter import noise_left
 from wdpm.scenes.flat.flatten import FlatScene
 
 TRIAL_PIXELS = 1024
@@ -51,7 +52,7 @@ def tolerance_of_records(
     seen = box_blurred(np.mean([half["beauty"] for half in by_path.layers], axis=0))
     weight = 1.0 / (seen**2 + relmse_epsilon(seen))
     indirect = by_path.figures(weight).indirect
-    noise = _but_the_noisiest(without_indirect.noise(weight)) / SAMPLES_OF_PLAN
+    noise = _but_the_noisiest(without_indirect.noise(weight)) * noise_left(flat.camera.filter) / SAMPLES_OF_PLAN
     return max(cache.tolerance, tolerance_for(noise, indirect))
 
 

@@ -33,6 +33,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import TopTree, View, World
 from wdpm.kernels.camera.outlines import outlined_pixels
+from wdpm.kernels.camera.pixel_filter import placed_by
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.gather_settings import check_settings
@@ -221,7 +222,7 @@ def lamp_outlines(flat: FlatScene, cell: Cell) -> LampOutlines:
     camera, lit = flat.camera, flat.lights.power[: len(flat.lights.prim)] > 0
     if not lit.any():
         return NO_LAMP_OUTLINES
-    corners, radius = flat.lights.corners[lit], camera.filter.radius
+    corners, radius = flat.lights.corners[lit], placed_by(camera.filter).radius
     pixels = outlined_pixels(corners, cell.replica.camera, radius, cell.geometry, len(flat.materials))
     width, height = camera.full_size or (camera.width, camera.height)
     return lamp_outlines_of(pixels, width, height, camera.crop or (0, 0, width, height))

@@ -136,6 +136,8 @@ class Halves:
     Args:
         learnt: how shadow rays choose among lights.
         samples: of each pixel, in both.
+        noise_left: the variance that the image's pixel filter leaves of that of samples (pixel_filter.noise_left); a
+            trial's own samples count in one pixel alone.
 
     Attributes:
         layers: of each image.
@@ -149,8 +151,10 @@ class Halves:
         settings: RenderSettings,
         learnt: Learnt = NOTHING_LEARNT,
         samples: int = TRIAL_SAMPLES,
+        noise_left: float = 1.0,
     ) -> None:
         self._settings = settings
+        self._noise_left = noise_left
         self._half = samples // 2
         view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
         self.layers, vertices = _halves(worker, replace(view, spp=self._half))
@@ -169,7 +173,7 @@ class Halves:
     def noise(self, weight: Values, layer: str = "beauty") -> Values:
         """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
         a, b = self.layers
-        noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half
+        noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half * self._noise_left
         return noise
 
 

@@ -24,14 +24,15 @@ from wdpm.cluster.work import parts
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import first_cells, missed_light, no_hits
+from wdpm.cluster.work.pixels.sample_weights import SampleWeights
+from wdpm.cluster.work.pixels.splatting import Splatting, Window, window_of
+from wdpm.cluster.work.pixels.waves import Piece, sample_groups, waves
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.work.sample_weights import SampleWeights
-from wdpm.cluster.work.waves import Piece, sample_groups, waves
 from wdpm.cluster.work.whole.launches import NO_COUNTS
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
-from wdpm.kernels.camera.pixel_filter import is_signed
+from wdpm.kernels.camera.pixel_filter import is_signed, placed_by, reach_of
 from wdpm.kernels.camera.rays import Rays
 from wdpm.kernels.ray_fields import HIT
 from wdpm.scenes.errors import ProtocolError
@@ -47,12 +48,12 @@ _ALIKE: Final = np.zeros(0, np.float32)
 
 
 class BucketHome:
-    """A bucket: all samples of its pixels, in waves.
+    """A bucket: all samples of its pixels, in waves, and of those about it that count in it too (splatting).
 
     Args:
         guards: of camera samples whose fate is settled at home.
-        samples: which of each pixel's samples: for each range an image, one below the other; none for all that the view
-            has, in one.
+        samples: which of each pixel's samples: for each range an image, one below the other, in which each counts in
+            its own pixel alone; none for all that the view has, in one.
         scene: the only cell, where it can follow samples from the camera to their ends at once.
     """
 
@@ -74,12 +75,12 @@ class BucketHome:
         self._guards = guards
         images = max(1, len(samples))
         self._shape = (images * (task.y1 - task.y0), task.x1 - task.x0)
-        x = np.arange(task.x0, task.x1, dtype=np.int32)
-        y = np.arange(task.y0, task.y1, dtype=np.int32)
-        pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        self._window = window_of(task, view.camera, 0 if samples else reach_of(view.camera.filter))
+        pixels = self._window.pixels(view.camera.width)
         self._pixels = np.tile(pixels, images)
-        first, self._counts = _samples_of(task, view, pixels, samples)
-        self._groups = sample_groups(first, self._counts, alike=is_signed(view.camera.filter))
+        first, self._counts = _samples_of(self._window, view, pixels, samples)
+        self._groups = sample_groups(first, self._counts, alike=is_signed(placed_by(view.camera.filter)))
+        self._splatting = Splatting(replica, view, self._window, self._groups) if self._window.reach else None
         self._weights = [self._weights_of(number) for number in range(len(self._groups))]
         self._waves = deque(waves(self._groups, WAVE_SAMPLES))
         self._wave: list[Piece] = []
@@ -119,6 +120,8 @@ class BucketHome:
         """Add a wave's samples at once, if that can be: nothing of it is under way then."""
         if self._scene is None:
             return False
+        if self._splatting is not None:
+            return self._trace_each(wave, self._scene, self._splatting)
         sums, cell, counts = list(self._sums), self._cell.copy(), NO_COUNTS
         for piece in wave:
             group, weights = self._groups[piece.group], self._weights[piece.group]
@@ -139,6 +142,25 @@ class BucketHome:
                 cell[group.rows] = np.where(traced.hit, self._scene.number, -1)
         self._sums, self._cell = sums, cell
         self._scene.count_whole(counts)
+        return True
+
+    def _trace_each(self, wave: Sequence[Piece], scene: Cell, splatting: Splatting) -> bool:
+        """As `_trace_whole`, each sample by itself, since it counts in several pixels."""
+        device, pieces, counts = self._replica.launcher.device, [], NO_COUNTS
+        for piece in wave:
+            pixel, sample = self._samples_in(piece)
+            pixels: dict[str, NDArray[Any]] = {"pixel": pixel, "first": sample, "weight": _ALIKE}
+            traced = scene.trace_whole(pixels, 0, 1, columns.zeros(add_samples.Sums, len(pixel), device))
+            if traced is None:
+                return False
+            counts = counts + traced.counts
+            pieces.append((piece, {"pixel": pixel, "sample": sample}, traced))
+        for piece, rays, traced in pieces:
+            splatting.add(piece.group, rays, traced.sums)
+            if piece.start == 0:
+                first = traced.hit[:: piece.stop - piece.start]
+                self._cell[self._groups[piece.group].rows] = np.where(first, scene.number, -1)
+        scene.count_whole(counts)
         return True
 
     def _weights_of(self, number: int) -> SampleWeights | None:
@@ -169,7 +191,8 @@ class BucketHome:
         return np.concatenate(together)
 
     def _comes_as_sums(self, piece: Piece) -> bool:
-        return piece.start == 0 and piece.stop > 1 and self._weights[piece.group] is None
+        alike = self._weights[piece.group] is None and self._splatting is None
+        return alike and piece.start == 0 and piece.stop > 1
 
     def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
         """The rays of a pixel set out together, in the cell that the first of them comes to first."""
@@ -319,18 +342,22 @@ class BucketHome:
             "layer": later["layer"][begin:end],
             "radiance": later["radiance"][begin:end],
         }
+        rays = {name: self._rays[name][start:stop] for name in ("pixel", "sample")}
         if weights is not None:
-            rays = {name: self._rays[name][start:stop] for name in ("pixel", "sample")}
             slots, mine = weights.weigh(rays, slots, mine, shots)
+        apart = self._splatting is not None
+        sums = columns.zeros(add_samples.Sums, stop - start, launcher.device) if apart else self._sums[piece.group]
         launcher(
             add_samples.add_samples,
-            len(group.rows),
+            stop - start if apart else len(group.rows),
             slots=columns.upload(add_samples.Slots, slots, launcher.device),
             parts=columns.upload(add_samples.Parts, mine, launcher.device),
-            samples=count,
+            samples=1 if apart else count,
             light_samples=shots,
-            sums_out=self._sums[piece.group],
+            sums_out=sums,
         )
+        if self._splatting is not None:
+            self._splatting.add(piece.group, rays, sums)
         if piece.start == 0:
             self._cell[group.rows] = slots["cell"].reshape(-1, count)[:, 0]
         for arrays in self._pixel_sums:
@@ -368,7 +395,10 @@ class BucketHome:
         }
 
     def sums(self) -> dict[str, NDArray[Any]]:
-        """What the samples that are in add up to, float64, shape [pixels, 3] or [pixels], and how many of them hit."""
+        """What the samples that are in add up to, float64, shape [pixels, 3] or [pixels], and how many of them hit.
+
+        Of pixels, each of which its own samples count in alone.
+        """
         names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
         of_groups = [columns.download(sums, names) for sums in self._sums]
         if len(of_groups) == 1 and len(self._groups[0].rows) == len(self._pixels):
@@ -385,8 +415,10 @@ class BucketHome:
         """The bucket's pixels once all samples are in; those that take none are black."""
         if self._credit > 0 or self._waves:
             return None
-        sums = self.sums()
-        share = (1.0 / np.maximum(self._counts, 1))[:, None]
+        if self._splatting is None:
+            sums, share = self.sums(), (1.0 / np.maximum(self._counts, 1))[:, None]
+        else:
+            sums, share = self._splatting.pixels(self._counts), np.ones((1, 1))
         hits = np.maximum(sums["hits"], 1)
         flat = {
             "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,
@@ -397,7 +429,7 @@ class BucketHome:
             "depth": sums["depth"] / hits * self._replica.world.unit,
             "normal": sums["normal"] * share,
             "albedo": sums["albedo"] * share,
-            "cell": self._cell,
+            "cell": self._window.of_bucket(self._cell),
         }
         layers = {
             name: np.ascontiguousarray(_in_single(layer).reshape(*self._shape, *layer.shape[1:]))
@@ -425,7 +457,7 @@ def _in_single(layer: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _samples_of(
-    task: BucketTask, view: View, pixels: NDArray[np.int32], samples: Sequence[range]
+    window: Window, view: View, pixels: NDArray[np.int32], samples: Sequence[range]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Number of the first sample of each pixel, and how many it takes, shape [pixels]: of one image after another."""
     if samples:
@@ -435,7 +467,7 @@ def _samples_of(
     times = view.outlines.times_of(pixels)
     if not len(view.allotment):
         return times * np.int32(view.first_sample), times * np.int32(view.spp)
-    first, count = view.allotment.of_pixels(task.x0, task.y0, task.x1, task.y1)
+    first, count = view.allotment.of_pixels(window.x0, window.y0, window.x1, window.y1)
     return times * first.reshape(-1), times * count.reshape(-1)
 
 

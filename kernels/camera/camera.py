@@ -12,7 +12,7 @@ import math
 import numpy as np
 import warp as wp
 
-from wdpm.kernels.camera.pixel_filter import FILTER_STEPS, filter_quantiles
+from wdpm.kernels.camera.pixel_filter import FILTER_STEPS, filter_quantiles, placed_by
 from wdpm.kernels.features import Features
 from wdpm.kernels.maths.directions import concentric_disk
 from wdpm.kernels.maths.random import PURPOSE_PIXEL, sample_2d, stream_of
@@ -42,7 +42,7 @@ class CameraView:
         lens_x, lens_y: radii of the lens to the image's right and bottom; unused where lens_radius is 0.
         focus: distance of the plane in focus along the axis.
         parallel: 1 for an orthographic camera.
-        filter: inverse distribution of the pixel filter, [FILTER_STEPS + 1].
+        filter: inverse distribution of what places samples about the middle of a pixel, [FILTER_STEPS + 1].
         medium: that the camera is in, -1 for none.
     """
 
@@ -104,7 +104,7 @@ def upload(camera: Camera, seed: int, device: str) -> CameraView:
     view.lens_y = wp.vec3(*(-axes[:, 1] * camera.aperture_radius))
     view.focus = camera.focus_distance
     view.parallel = int(camera.orthographic)
-    view.filter = wp.array(filter_quantiles(camera.filter), dtype=wp.float32, device=device)
+    view.filter = wp.array(filter_quantiles(placed_by(camera.filter)), dtype=wp.float32, device=device)
     view.medium = -1 if camera.medium is None else camera.medium
     view.seed = wp.uint32(seed)
     return view

@@ -1,9 +1,10 @@
-"""Pixel filters as tables: where the samples of a pixel lie, and which of them count against it.
+"""Pixel filters as tables: where the samples of a pixel lie, and what they count for.
 
-Samples are placed in proportion to the filter's magnitude (filter importance sampling, Ernst et al. 2006). So a sample
-counts in its own pixel alone, and the image cannot depend on buckets. Where a filter is negative a sample has the sign
--1: see filter_weights. The filters are Mitsuba's, two of them by Mitchell & Netravali 1988 ("Reconstruction filters in
-computer graphics").
+Samples lie anywhere in their own pixel, and count in all pixels whose filter reaches them: see splats. A filter that
+reaches further than MOST_REACH pixels would be dear, and one that reaches none beside its own has nothing to gain:
+their samples are placed in proportion to the filter's magnitude (filter importance sampling, Ernst et al. 2006), and
+count in one pixel alone. Where such a filter is negative a sample has the sign -1: see filter_weights. The filters are
+Mitsuba's, two of them by Mitchell & Netravali 1988 ("Reconstruction filters in computer graphics").
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ FILTER_STEPS = 1024
 """Steps of a filter's inverse distribution: linear between them, it misses a gaussian's by less than 1e-5 pixels."""
 
 _FINE = 64 * FILTER_STEPS
+
+MOST_REACH = 3
+"""Pixels to each side that samples are counted in at most, as of Mitsuba's widest filter by default: each pixel holds
+sums for 49 then."""
 
 Values = NDArray[np.float64]
 
@@ -72,6 +77,38 @@ def _mitchell(x: Values, b: float, c: float) -> Values:
     near = (12 - 9 * b - 6 * c) * x**3 + (-18 + 12 * b + 6 * c) * x**2 + (6 - 2 * b)
     far = (-b - 6 * c) * x**3 + (6 * b + 30 * c) * x**2 + (-12 * b - 48 * c) * x + (8 * b + 24 * c)
     return np.asarray(np.where(x < 1.0, near, far) / 6.0)
+
+
+def reach_of(pixel_filter: PixelFilter) -> int:
+    """In how many pixels to each side of its own a sample counts; 0 of filters whose samples are placed by them."""
+    reach = math.ceil(pixel_filter.radius - 0.5)
+    return reach if reach <= MOST_REACH else 0
+
+
+def placed_by(pixel_filter: PixelFilter) -> PixelFilter:
+    """The filter that a camera places samples by: one pixel, evenly, where they count in others too."""
+    return PixelFilter() if reach_of(pixel_filter) else pixel_filter
+
+
+def splat_table(pixel_filter: PixelFilter) -> NDArray[np.float32]:
+    """A filter along one axis at distances from 0 to its radius, float32, shape [FILTER_STEPS + 1]."""
+    distances = np.linspace(0.0, pixel_filter.radius, FILTER_STEPS + 1)
+    return filter_values(pixel_filter, distances).astype(np.float32)
+
+
+@functools.cache
+def noise_left(pixel_filter: PixelFilter) -> float:
+    """The variance of a pixel over that of one whose samples lie in it evenly and count in no other.
+
+    Of many samples that are independent of each other: the integral of the filter's square over the square of its own.
+    """
+    if not reach_of(pixel_filter):
+        return 1.0
+    x = np.linspace(-pixel_filter.radius, pixel_filter.radius, _FINE + 1)
+    values = filter_values(pixel_filter, x)
+    step = 2.0 * pixel_filter.radius / _FINE
+    along = _integral(values**2)[-1] / (_integral(values)[-1] ** 2 * step)
+    return float(along**2)
 
 
 def filter_quantiles(pixel_filter: PixelFilter) -> NDArray[np.float32]:

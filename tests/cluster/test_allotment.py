@@ -17,7 +17,7 @@ from wdpm.cluster.allotment import (
     lamp_outlines_of,
     spread,
 )
-from wdpm.cluster.work.waves import Piece, sample_groups, waves
+from wdpm.cluster.work.pixels.waves import Piece, sample_groups, waves
 
 
 def test_a_bucket_of_any_size_has_the_samples_of_the_image() -> None:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
-from wdpm.kernels.camera.pixel_filter import is_signed, sharpening
+from wdpm.kernels.camera.pixel_filter import is_signed, reach_of, sharpening
 from wdpm.scenes.model.bsdfs import Leaf, walk
-from wdpm.scenes.model.scene import Instance, Mesh, Scene, Solid
+from wdpm.scenes.model.scene import Instance, Mesh, PixelFilter, Scene, Solid
 
 ROUND_SHARE = 1e-5
 """Vertices of a tessellated sphere lie on it to this share of its radius."""
@@ -35,15 +36,26 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     if spheres:
         most = max(len(mesh.faces) for mesh in spheres)
         lines.append(f"spheres that reflect or refract: {len(spheres)}, of up to {most:,} triangles, smooth normals")
-    if is_signed(scene.camera.filter):
-        share = sharpening(scene.camera.filter) / settings.spp
-        lines.append(
-            f"pixel filter with negative lobes: signed samples, at edges off by at most {share:.2g} of the contrast; "
-            "pixels beside edges may be negative"
-        )
+    lines.extend(_of_pixel_filter(scene.camera.filter, settings.spp))
     if settings.band < 1 and "band" not in algorithm.ignored:
         lines.append(f"overlap band: {settings.band:g} of the gather radius")
     return tuple(lines)
+
+
+def _of_pixel_filter(found: PixelFilter, spp: int) -> Iterator[str]:
+    """What samples make of a pixel filter that are not in proportion to it."""
+    signed = "; pixels beside edges may be negative" if is_signed(found) else ""
+    if reach_of(found):
+        yield (
+            f"pixel filter: samples count in up to {reach_of(found)} pixels to each side, over the sum of their "
+            f"weights; beyond the image there are none{signed}"
+        )
+    elif signed:
+        share = sharpening(found) / spp
+        yield (
+            f"pixel filter with negative lobes: signed samples, at edges off by at most {share:.2g} of the contrast"
+            f"{signed}"
+        )
 
 
 def without_plain_geometry(scene: Scene) -> Scene:

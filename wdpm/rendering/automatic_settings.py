@@ -14,7 +14,7 @@ from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.trial.caustic_share import share_in_words
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.kernels.camera.pixel_filter import is_signed
+from wdpm.kernels.camera.pixel_filter import is_signed, placed_by
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.errors import SceneError
@@ -73,7 +73,8 @@ def choose_settings(
     choice = choose_integrator(flat, settings, _with_light_samples(flat, by_map), launcher)
     chosen = _with_light_samples(flat, choice.settings)
     words: tuple[str, ...] = (f"integrator: {choice.words}",)
-    share = 1 if is_signed(flat.camera.filter) else choice.caustic_share  # weights are balanced over all samples
+    signed = is_signed(placed_by(flat.camera.filter))
+    share = 1 if signed else choice.caustic_share  # weights are balanced over all samples
     if choice.settings.algorithm.shoots_photons:
         words += (*choice.indirect, *share_in_words(share))
     return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share)

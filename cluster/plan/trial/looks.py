@@ -18,6 +18,7 @@ from wdpm.cluster.plan.small_view import Figures, Halves, SeenPlaces, Values, bo
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.worker import CellWorker
+from wdpm.kernels.camera.pixel_filter import noise_left
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera, PixelFilter
 
@@ -86,9 +87,10 @@ def look(flat: FlatScene, worker: CellWorker, photons: RenderSettings, paths: Re
     pixels = max(CHOICE_SAMPLES // samples, LEAST_PIXELS)
     looking, places = replace(flat, camera=_few_pixels(flat.camera, pixels)), SeenPlaces()
     worker.replica.observer = places
-    photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), learnt, samples)
+    left = noise_left(flat.camera.filter)
+    photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), learnt, samples, left)
     worker.replica.observer = None
-    path_halves = Halves(looking, worker, paths, learnt, samples)
+    path_halves = Halves(looking, worker, paths, learnt, samples, left)
     # A pixel that one sample made bright is as bright as those around it: its error is not to hide behind itself.
     by_path = path_halves.layers
     indirect = np.mean([half["indirect"] for half in by_path], axis=0)

@@ -74,7 +74,7 @@ def test_a_sample_asks_the_caustic_map_for_others_where_what_these_see_of_it_is_
     assert settled(faint, spp=4).caustic_share == 1, "edges want several"
     assert settled(bright, spp=16).caustic_share == 1, "sharp beside a mirror"
     assert not any("samples of a pixel asks" in line for line in settled(bright, spp=16).chose)
-    signed = replace(faint, camera=replace(faint.camera, filter=PixelFilter(FilterKind.MITCHELL, 2.0)))
+    signed = replace(faint, camera=replace(faint.camera, filter=PixelFilter(FilterKind.LANCZOS, 4.0)))
     assert settled(signed, spp=16).caustic_share == 1, "weights are balanced over all samples"
 
 

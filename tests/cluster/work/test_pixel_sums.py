@@ -21,7 +21,8 @@ from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.model.scene import FilterKind, PixelFilter
 
 PIXELS = 4
-MITCHELL = PixelFilter(FilterKind.MITCHELL, 2.0)
+SIGNED = PixelFilter(FilterKind.LANCZOS, 4.0)
+SPLATTED = PixelFilter(FilterKind.TENT, 1.0)
 
 
 def begun(settings: RenderSettings = FEW, pixel_filter: PixelFilter | None = None) -> tuple[BucketHome, Batch]:
@@ -63,8 +64,9 @@ def test_samples_of_later_waves_come_alone(monkeypatch: pytest.MonkeyPatch) -> N
     assert not later.arrays["together"].any()
 
 
-def test_samples_that_weigh_differently_come_alone() -> None:
-    _, rays = begun(pixel_filter=MITCHELL)
+@pytest.mark.parametrize("pixel_filter", [SIGNED, SPLATTED])
+def test_samples_that_weigh_differently_come_alone(pixel_filter: PixelFilter) -> None:
+    _, rays = begun(pixel_filter=pixel_filter)
     assert not rays.arrays["together"].any()
 
 
@@ -93,7 +95,8 @@ def test_sums_of_other_samples_are_refused(slot: int) -> None:
         receive(home, Kind.PIXELS, sums_of([slot]), rays.credit)
 
 
-def test_sums_of_samples_that_are_to_come_alone_are_refused() -> None:
-    home, rays = begun(pixel_filter=MITCHELL)
+@pytest.mark.parametrize("pixel_filter", [SIGNED, SPLATTED])
+def test_sums_of_samples_that_are_to_come_alone_are_refused(pixel_filter: PixelFilter) -> None:
+    home, rays = begun(pixel_filter=pixel_filter)
     with pytest.raises(ProtocolError, match="other samples"):
         receive(home, Kind.PIXELS, sums_of([0]), rays.credit)

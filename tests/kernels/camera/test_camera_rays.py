@@ -116,16 +116,20 @@ def truncated_gaussian_variance(radius: float, stddev: float) -> float:
     return float((x**2 * density).sum() / density.sum())
 
 
-@pytest.mark.parametrize("radius", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("radius", [0.25, 0.5, 4.0])
 def test_a_box_filter_has_the_variance_of_its_width(radius: float) -> None:
     places = film_places(replace(PLAIN, filter=PixelFilter(FilterKind.BOX, radius)), 64)
     check_moments(places, radius, radius**2 / 3)
 
 
-@pytest.mark.parametrize(("radius", "stddev"), [(2.0, 0.5), (1.0, 0.5), (1.5, 0.7)])
+@pytest.mark.parametrize(("radius", "stddev"), [(4.0, 1.0), (0.5, 0.25), (5.0, 2.3)])
 def test_a_gaussian_filter_has_its_moments(radius: float, stddev: float) -> None:
     places = film_places(replace(PLAIN, filter=PixelFilter(FilterKind.GAUSSIAN, radius, stddev)), 64)
     check_moments(places, radius, truncated_gaussian_variance(radius, stddev))
+
+
+def test_samples_that_count_in_several_pixels_lie_evenly_in_their_own() -> None:
+    check_moments(film_places(replace(PLAIN, filter=PixelFilter(FilterKind.GAUSSIAN, 2.0, 0.5)), 64), 0.5, 1 / 12)
 
 
 def check_moments(places: Array, radius: float, variance: float) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from furnaces import quad, rendered, scene
 from numpy.typing import NDArray
 
+from wdpm.cluster.render_settings import Integrator
 from wdpm.kernels.camera.pixel_filter import (
     FILTER_STEPS,
     exponential,
@@ -16,9 +18,14 @@ from wdpm.kernels.camera.pixel_filter import (
     filter_signs,
     filter_values,
     is_signed,
+    noise_left,
+    placed_by,
+    reach_of,
     sharpening,
     sinc,
+    splat_table,
 )
+from wdpm.scenes import cornell_box
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter
 
 Array = NDArray[np.float64]
@@ -87,6 +94,29 @@ def test_filters_without_negative_lobes_weigh_all_samples_alike(name: str) -> No
     assert sharpening(ALL[name]) == 1.0
 
 
+def test_samples_count_as_far_as_the_filter_reaches_unless_that_is_too_far() -> None:
+    wide = PixelFilter(FilterKind.LANCZOS, 4.0)
+    reaches = {name: reach_of(each) for name, each in ALL.items()}
+    assert reaches == {"box": 0, "gaussian": 2, "tent": 1, "mitchell": 2, "catmullrom": 2, "lanczos": 3}
+    assert reach_of(wide) == reach_of(PixelFilter(FilterKind.TENT, 0.5)) == 0
+    assert placed_by(TENT) == PixelFilter()
+    assert placed_by(wide) == wide
+
+
+def test_what_noise_a_filter_leaves() -> None:
+    assert noise_left(TENT) == pytest.approx((2 / 3) ** 2, rel=1e-6)
+    assert noise_left(PixelFilter(FilterKind.BOX, 1.0)) == pytest.approx(0.25, rel=1e-6)
+    assert noise_left(GAUSSIAN) == pytest.approx(1 / math.pi, rel=5e-3)  # of one that is not cut off
+    assert noise_left(PixelFilter()) == noise_left(PixelFilter(FilterKind.LANCZOS, 4.0)) == 1.0
+
+
+@pytest.mark.parametrize("name", ["gaussian", "tent", "mitchell", "catmullrom", "lanczos"])
+def test_filters_between_entries_of_their_tables(name: str) -> None:
+    found, x = ALL[name], np.linspace(0.0, ALL[name].radius, 12_345)
+    between = np.interp(x, np.linspace(0.0, found.radius, FILTER_STEPS + 1), splat_table(found))
+    np.testing.assert_allclose(between, filter_values(found, x), atol=1e-5)
+
+
 SIZE = 16
 CORNER = 0.13, -0.21
 
@@ -124,6 +154,20 @@ def test_edges_are_convolved_with_the_filter(name: str) -> None:
 def test_an_even_surface_is_even_whatever_the_signs() -> None:
     inside = _corner_image(LANCZOS, 3)[:4, -4:]
     np.testing.assert_allclose(inside, 1.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["tent", "gaussian"])
+def test_noise_is_what_the_filter_leaves_of_it(name: str) -> None:
+    """Paths in a room, one sample of each pixel: four seeds against those of a box, where nothing has an edge."""
+    room = cornell_box((24, 24))
+
+    def noise(pixel_filter: PixelFilter) -> float:
+        seen = replace(room, camera=replace(room.camera, filter=pixel_filter, fov_x=8.0))
+        chosen = {"spp": 1, "integrator": Integrator.PATH, "light_samples": 1, "max_depth": 3}
+        images = [rendered(seen, photons=0, seed=seed, **chosen).layers["indirect"] for seed in range(4)]
+        return float(np.var(np.asarray(images, np.float64)[:, 4:-4, 4:-4], axis=0, ddof=1).mean())
+
+    assert noise(ALL[name]) / noise(PixelFilter()) == pytest.approx(noise_left(ALL[name]), rel=0.25)
 
 
 def test_passes_of_few_samples_make_the_same_edge() -> None:

@@ -36,7 +36,12 @@ SMALL = (24, 18)
 
 FEW = RenderSettings(spp=2, photons=4000, caustic_photons=2000, volume_photons=2000, max_depth=6)
 
-LOBES = PixelFilter(FilterKind.MITCHELL, 2.0)
+FILTERS = {
+    effects_scenes.DIFFUSE: PixelFilter(FilterKind.MITCHELL, 2.0),
+    effects_scenes.EVERYTHING: PixelFilter(FilterKind.LANCZOS, 4.0),
+}
+"""Of scenes whose launches are repeated: samples that count in several pixels, and signed ones, whose kernels nothing
+else launches."""
 
 WAYS: tuple[dict[str, Any], ...] = (
     {"indirect": Indirect.MAP, "routing": Routing.MERGE},
@@ -163,8 +168,8 @@ def compare_kernels(
     progress.start("kernels", len(scenes) * len(ways))
     for name in scenes:
         scene = effects_scenes.scene_of(name, SMALL)
-        if name == effects_scenes.EVERYTHING:  # a filter with negative lobes, whose kernels nothing else launches
-            scene = replace(scene, camera=replace(scene.camera, filter=LOBES))
+        if name in FILTERS:
+            scene = replace(scene, camera=replace(scene.camera, filter=FILTERS[name]))
         for way in ways:
             with comparison.watching():
                 render_in_process(scene, replace(FEW, **way), workers=2, cells=2, threads=1)

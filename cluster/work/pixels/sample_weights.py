@@ -1,4 +1,4 @@
-"""Weights of a bucket's samples, where the pixel filter is negative somewhere (kernels/camera/filter_weights.py)."""
+"""Weights of a bucket's samples, where the filter that places them is negative (kernels/camera/filter_weights.py)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wdpm.cluster.batch import Arrays
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels.camera import filter_weights
-from wdpm.kernels.camera.pixel_filter import filter_signs, is_signed, sharpening
+from wdpm.kernels.camera.pixel_filter import filter_signs, is_signed, placed_by, sharpening
 
 
 class SampleWeights:
@@ -25,9 +25,10 @@ class SampleWeights:
 
     def __init__(self, replica: Replica, view: View, pixels: NDArray[np.int32], samples: int) -> None:
         self._replica = replica
-        self._sharpening = sharpening(view.camera.filter)
+        placing = placed_by(view.camera.filter)
+        self._sharpening = sharpening(placing)
         device = replica.launcher.device
-        self._signs = wp.array(filter_signs(view.camera.filter), dtype=wp.float32, device=device)
+        self._signs = wp.array(filter_signs(placing), dtype=wp.float32, device=device)
         sums = wp.empty(len(pixels), dtype=wp.float64, device=device)
         replica.launcher(
             filter_weights.sum_signs,
@@ -43,7 +44,7 @@ class SampleWeights:
     @classmethod
     def if_needed(cls, replica: Replica, view: View, pixels: NDArray[np.int32], samples: int) -> Self | None:
         """None with a filter under which all samples weigh the same."""
-        return cls(replica, view, pixels, samples) if is_signed(view.camera.filter) else None
+        return cls(replica, view, pixels, samples) if is_signed(placed_by(view.camera.filter)) else None
 
     def weights(self, rays: Arrays) -> NDArray[np.float32]:
         """Of each sample of a wave: camera rays, ordered by pixel as the bucket's pixels are."""
