@@ -25,7 +25,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import first_cells, missed_light, no_hits
 from wdpm.cluster.work.pixels.sample_weights import SampleWeights
-from wdpm.cluster.work.pixels.splatting import Splatting, Window, window_of
+from wdpm.cluster.work.pixels.splatting import Splatting, Window, tiles_of, window_of
 from wdpm.cluster.work.pixels.waves import Piece, sample_groups, waves
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole.launches import NO_COUNTS
@@ -80,12 +80,16 @@ class BucketHome:
         self._pixels = np.tile(pixels, images)
         first, self._counts = _samples_of(self._window, view, pixels, samples)
         self._groups = sample_groups(first, self._counts, alike=is_signed(placed_by(view.camera.filter)))
+        if self._window.reach:
+            self._groups = tiles_of(self._groups)
         self._splatting = Splatting(replica, view, self._window, self._groups) if self._window.reach else None
         self._weights = [self._weights_of(number) for number in range(len(self._groups))]
         self._waves = deque(waves(self._groups, WAVE_SAMPLES))
         self._wave: list[Piece] = []
         device = replica.launcher.device
-        self._sums = [columns.zeros(add_samples.Sums, len(group.rows), device) for group in self._groups]
+        summed = [] if self._splatting is not None else self._groups
+        self._sums = [columns.zeros(add_samples.Sums, len(group.rows), device) for group in summed]
+        self._nothing: dict[int, Any] = {}  # sums of no samples, by how many there are of them
         self._cell = np.full(len(self._pixels), -1, np.int32)
         self._credit = 0
         self._slots: dict[str, NDArray[Any]] = {}
@@ -146,11 +150,13 @@ class BucketHome:
 
     def _trace_each(self, wave: Sequence[Piece], scene: Cell, splatting: Splatting) -> bool:
         """As `_trace_whole`, each sample by itself, since it counts in several pixels."""
-        device, pieces, counts = self._replica.launcher.device, [], NO_COUNTS
+        pieces, counts = [], NO_COUNTS
         for piece in wave:
             pixel, sample = self._samples_in(piece)
             pixels: dict[str, NDArray[Any]] = {"pixel": pixel, "first": sample, "weight": _ALIKE}
-            traced = scene.trace_whole(pixels, 0, 1, columns.zeros(add_samples.Sums, len(pixel), device))
+            if len(pixel) not in self._nothing:
+                self._nothing[len(pixel)] = columns.zeros(add_samples.Sums, len(pixel), self._replica.launcher.device)
+            traced = scene.trace_whole(pixels, 0, 1, self._nothing[len(pixel)])
             if traced is None:
                 return False
             counts = counts + traced.counts
@@ -418,7 +424,7 @@ class BucketHome:
         if self._splatting is None:
             sums, share = self.sums(), (1.0 / np.maximum(self._counts, 1))[:, None]
         else:
-            sums, share = self._splatting.pixels(self._counts), np.ones((1, 1))
+            sums, share = self._splatting.pixels(), np.ones((1, 1))
         hits = np.maximum(sums["hits"], 1)
         flat = {
             "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,

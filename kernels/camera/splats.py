@@ -5,8 +5,8 @@ mean of the samples around it, as in Mitsuba and pbrt. For a tent that leaves 0.
 in one pixel alone, for a gaussian 0.32.
 
 Sums must not depend on where a bucket, a wave or a thread ends. So each pixel's samples are first added up once for
-every pixel that they reach, in the order of their numbers (splat_samples); then each pixel adds up what those around it
-hold for it, row by row (gather_splats). Pixels count alike, however many samples each has taken.
+every pixel that they reach, in the order of their numbers (splat_samples); what pixels hold for others is then added to
+these, one pixel after another (scatter_splats). What is added up is a row of numbers, all weighted alike.
 """
 
 from __future__ import annotations
@@ -18,29 +18,22 @@ from wdpm.kernels.camera.camera import CameraView, film_numbers
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
+row8 = wp.types.vector(length=8, dtype=wp.float64)
+"""Eight columns, which are added up by one instruction where a processor has it."""
 
-@wp.struct
-class Splats:
-    """What the samples of some pixels so far add up to, once for each pixel that they reach.
+COLORS = ("direct", "indirect", "caustic", "volume", "normal", "albedo")
+"""Sums of three columns each, the first of a row."""
 
-    Attributes:
-        direct to albedo: weighted sums, shape [pixels * (2 reach + 1)²], the pixels reached row by row.
-        weight: of all samples.
-        caustic_weight, volume_weight: of those that look for that light, times how many each stands for.
-        depth, hits: sums over the pixel's own samples, not weighted, shape [pixels].
-    """
+WEIGHT = 3 * len(COLORS)
+"""Column of the sum of weights. The next two are of those that look for caustics and for light in media, times how many
+samples each of them stands for."""
 
-    direct: wp.array[wp.vec3d]
-    indirect: wp.array[wp.vec3d]
-    caustic: wp.array[wp.vec3d]
-    volume: wp.array[wp.vec3d]
-    normal: wp.array[wp.vec3d]
-    albedo: wp.array[wp.vec3d]
-    weight: wp.array[wp.float64]
-    caustic_weight: wp.array[wp.float64]
-    volume_weight: wp.array[wp.float64]
-    depth: wp.array[wp.float64]
-    hits: wp.array[wp.int32]
+CAUSTIC_WEIGHT, VOLUME_WEIGHT = WEIGHT + 1, WEIGHT + 2
+
+PARTS = 3
+"""Of a row, of eight columns each; the last few of all are empty."""
+
+_PARTS = wp.constant(PARTS)
 
 
 @wp.struct
@@ -74,20 +67,20 @@ class FilterTable:
 
 
 @wp.struct
-class Window:
-    """The pixels of a bucket among all whose samples reach one of them; both are rectangles.
+class Bucket:
+    """The pixels that samples are to count in: a rectangle.
 
     Attributes:
-        left, top: of the bucket in the whole [pixels].
-        width: of the bucket.
-        whole_width, whole_height: of all.
+        x, y: of its first pixel in what is rendered.
+        width, height: of it.
+        image_width: of what is rendered.
     """
 
-    left: wp.int32
-    top: wp.int32
+    x: wp.int32
+    y: wp.int32
     width: wp.int32
-    whole_width: wp.int32
-    whole_height: wp.int32
+    height: wp.int32
+    image_width: wp.int32
 
 
 @wp.func
@@ -104,142 +97,108 @@ def _filter_at(table: wp.ref[FilterTable], x: wp.float32) -> wp.float32:
 
 
 @wp.kernel
-def weigh_samples(
-    camera: CameraView, splatted: Splatted, table: FilterTable, offset: wp.int32, weight_out: wp.array[wp.vec2]
+def rows_of_samples(
+    camera: CameraView,
+    sums: Sums,
+    splatted: Splatted,
+    table: FilterTable,
+    offset: wp.int32,
+    rows_out: wp.array[row8],
+    weight_out: wp.array[wp.vec2d],
 ) -> None:
-    """What each sample weighs along x and y in the pixels around its own, shape [samples * (2 reach + 1)].
+    """The row of each sample by itself, and what it weighs in the pixels around its own.
 
     It lies where camera_ray has it with a box of one pixel.
+
+    Args:
+        sums: of each sample.
+        rows_out: shape [samples * PARTS].
+        weight_out: along x and y, shape [samples * (2 reach + 1)].
     """
     i = offset + wp.tid()
+    direct, indirect, caustic = sums.direct[i], sums.indirect[i], sums.caustic[i]
+    volume, normal, albedo = sums.volume[i], sums.normal[i], sums.albedo[i]
+    k = i * _PARTS
+    rows_out[k] = row8(direct[0], direct[1], direct[2], indirect[0], indirect[1], indirect[2], caustic[0], caustic[1])
+    rows_out[k + 1] = row8(caustic[2], volume[0], volume[1], volume[2], normal[0], normal[1], normal[2], albedo[0])
+    one, none = wp.float64(1.0), wp.float64(0.0)
+    caustic_for, volume_for = wp.float64(splatted.caustic_for[i]), wp.float64(splatted.volume_for[i])
+    rows_out[k + 2] = row8(albedo[1], albedo[2], one, caustic_for, volume_for, none, none, none)
     place = film_numbers(camera, splatted.pixel[i], splatted.sample[i]) - wp.vec2(0.5, 0.5)
     side = 2 * table.reach + 1
     for step in range(side):
         beside = float(step - table.reach)
         x, y = _filter_at(table, place[0] - beside), _filter_at(table, place[1] - beside)
-        weight_out[i * side + step] = wp.vec2(x, y)
+        weight_out[i * side + step] = wp.vec2d(wp.float64(x), wp.float64(y))
 
 
 @wp.kernel
 def splat_samples(
-    sums: Sums,
-    splatted: Splatted,
-    along: wp.array[wp.vec2],
+    rows: wp.array[row8],
+    weight: wp.array[wp.vec2d],
     samples: wp.int32,
     reach: wp.int32,
     offset: wp.int32,
-    splats_out: Splats,
+    splats_out: wp.array[row8],
 ) -> None:
     """Add samples to what their pixels hold for the pixels around them, in the order of their numbers.
 
     Args:
-        sums: of each sample by itself.
-        along: of weigh_samples.
+        rows, weight: of rows_of_samples.
         samples: of each pixel.
+        splats_out: a row for each pixel that is reached, row by row, shape [pixels * (2 reach + 1)² * PARTS].
     """
     pixel = offset + wp.tid()
     side = 2 * reach + 1
     for j in range(side * side):
         right = j % side
         below = j // side
-        k = pixel * side * side + j
-        direct = splats_out.direct[k]
-        indirect = splats_out.indirect[k]
-        caustic = splats_out.caustic[k]
-        volume = splats_out.volume[k]
-        normal = splats_out.normal[k]
-        albedo = splats_out.albedo[k]
-        total = splats_out.weight[k]
-        caustic_total = splats_out.caustic_weight[k]
-        volume_total = splats_out.volume_weight[k]
+        k = (pixel * side * side + j) * _PARTS
+        first = splats_out[k]
+        second = splats_out[k + 1]
+        third = splats_out[k + 2]
         for s in range(samples):
             i = pixel * samples + s
-            weight = wp.float64(along[i * side + right][0] * along[i * side + below][1])
-            if weight != wp.float64(0.0):
-                direct += weight * sums.direct[i]
-                indirect += weight * sums.indirect[i]
-                caustic += weight * sums.caustic[i]
-                volume += weight * sums.volume[i]
-                normal += weight * sums.normal[i]
-                albedo += weight * sums.albedo[i]
-                total += weight
-                caustic_total += weight * wp.float64(splatted.caustic_for[i])
-                volume_total += weight * wp.float64(splatted.volume_for[i])
-        splats_out.direct[k] = direct
-        splats_out.indirect[k] = indirect
-        splats_out.caustic[k] = caustic
-        splats_out.volume[k] = volume
-        splats_out.normal[k] = normal
-        splats_out.albedo[k] = albedo
-        splats_out.weight[k] = total
-        splats_out.caustic_weight[k] = caustic_total
-        splats_out.volume_weight[k] = volume_total
-    depth = splats_out.depth[pixel]
-    hits = splats_out.hits[pixel]
-    for s in range(samples):
-        depth += sums.depth[pixel * samples + s]
-        hits += sums.hits[pixel * samples + s]
-    splats_out.depth[pixel] = depth
-    splats_out.hits[pixel] = hits
-
-
-@wp.func
-def _over(sum: wp.vec3d, weight: wp.float64) -> wp.vec3d:
-    """The mean; black where nothing weighs."""
-    if weight == wp.float64(0.0):
-        return wp.vec3d()
-    return sum / weight
+            along_x = weight[i * side + right][0]
+            along_y = weight[i * side + below][1]
+            if along_x != wp.float64(0.0) and along_y != wp.float64(0.0):
+                first += (along_x * along_y) * rows[i * _PARTS]
+                second += (along_x * along_y) * rows[i * _PARTS + 1]
+                third += (along_x * along_y) * rows[i * _PARTS + 2]
+        splats_out[k] = first
+        splats_out[k + 1] = second
+        splats_out[k + 2] = third
 
 
 @wp.kernel
-def gather_splats(
-    splats: Splats,
-    samples: wp.array[wp.int32],
+def scatter_splats(
+    splats: wp.array[row8],
+    pixels: wp.array[wp.int32],
+    samples: wp.int32,
     reach: wp.int32,
-    window: Window,
+    bucket: Bucket,
+    shares: wp.int32,
     offset: wp.int32,
-    pixels_out: Sums,
+    pixels_out: wp.array[row8],
 ) -> None:
-    """The pixels of a bucket, as means: what those around each hold for it, over what that weighs.
+    """Add what pixels hold for those around them to these, one pixel after another, as far as they are the bucket's.
 
     Args:
-        splats: of all pixels of the window.
-        samples: that each of them has taken.
+        splats: of splat_samples.
+        pixels: whose.
+        samples: that each of them has taken: they count alike, however many these are.
+        shares: of the parts of rows, each added up by one thread.
+        pixels_out: the row of each pixel of the bucket.
     """
-    i = offset + wp.tid()
-    x = window.left + i % window.width
-    y = window.top + i // window.width
+    begin = offset + wp.tid()
     side = 2 * reach + 1
-    direct = wp.vec3d()
-    indirect = wp.vec3d()
-    caustic = wp.vec3d()
-    volume = wp.vec3d()
-    normal = wp.vec3d()
-    albedo = wp.vec3d()
-    total = wp.float64(0.0)
-    caustic_total = wp.float64(0.0)
-    volume_total = wp.float64(0.0)
-    for row in range(wp.max(y - reach, 0), wp.min(y + reach + 1, window.whole_height)):
-        for column in range(wp.max(x - reach, 0), wp.min(x + reach + 1, window.whole_width)):
-            source = row * window.whole_width + column
-            if samples[source] > 0:
-                k = (source * side + (y - row + reach)) * side + (x - column + reach)
-                share = wp.float64(1.0) / wp.float64(samples[source])
-                direct += share * splats.direct[k]
-                indirect += share * splats.indirect[k]
-                caustic += share * splats.caustic[k]
-                volume += share * splats.volume[k]
-                normal += share * splats.normal[k]
-                albedo += share * splats.albedo[k]
-                total += share * splats.weight[k]
-                caustic_total += share * splats.caustic_weight[k]
-                volume_total += share * splats.volume_weight[k]
-    own = y * window.whole_width + x
-    pixels_out.direct[i] = _over(direct, total)
-    pixels_out.indirect[i] = _over(indirect, total)
-    pixels_out.caustic[i] = _over(caustic, caustic_total)
-    pixels_out.volume[i] = _over(volume, volume_total)
-    pixels_out.normal[i] = _over(normal, total)
-    pixels_out.albedo[i] = _over(albedo, total)
-    pixels_out.depth[i] = splats.depth[own]
-    pixels_out.hits[i] = splats.hits[own]
+    share = wp.float64(1.0) / wp.float64(samples)
+    for n in range(pixels.shape[0]):
+        left = pixels[n] % bucket.image_width - bucket.x - reach
+        top = pixels[n] // bucket.image_width - bucket.y - reach
+        for row in range(wp.max(top, 0), wp.min(top + side, bucket.height)):
+            for column in range(wp.max(left, 0), wp.min(left + side, bucket.width)):
+                k = (n * side * side + (row - top) * side + column - left) * _PARTS
+                target = (row * bucket.width + column) * _PARTS
+                for part in range(begin, _PARTS, shares):
+                    pixels_out[target + part] = pixels_out[target + part] + share * splats[k + part]

@@ -19,14 +19,13 @@ from wdpm.cluster.work.beams import chosen_samples
 from wdpm.cluster.work.pixels.waves import SampleGroup
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
-from wdpm.kernels import columns
-from wdpm.kernels.camera import add_samples, splats
+from wdpm.kernels import blocks, columns
+from wdpm.kernels.camera import splats
 from wdpm.kernels.camera.pixel_filter import reach_of, splat_table
 from wdpm.scenes.model.scene import Camera
 
-_MEANS: Final = ("direct", "indirect", "caustic", "volume", "normal", "albedo")
-_HELD: Final = (*_MEANS, "weight", "caustic_weight", "volume_weight", "depth", "hits")
-"""Of kernels.camera.splats.Splats."""
+TILE_SAMPLES: Final = 1 << 13
+"""Of pixels whose samples are added up together, about: what they hold for others stays in a core's cache meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -76,62 +75,112 @@ def window_of(task: BucketTask, camera: Camera, reach: int) -> Window:
     )
 
 
+def tiles_of(groups: list[SampleGroup]) -> list[SampleGroup]:
+    """Groups of pixels in parts, of some TILE_SAMPLES samples each."""
+    parts = []
+    for group in groups:
+        at_once = max(1, TILE_SAMPLES // group.count)
+        for start in range(0, len(group.rows), at_once):
+            some = slice(start, start + at_once)
+            parts.append(SampleGroup(group.rows[some], group.first[some], group.count))
+    return parts
+
+
 class Splatting:
     """What the samples of a bucket's window come to.
 
+    Samples are added pixel by pixel: all of a tile's, then those of the next.
+
     Args:
-        groups: of its pixels.
+        tiles: of its pixels, in which each takes as many samples (tiles_of).
     """
 
-    def __init__(self, replica: Replica, view: View, window: Window, groups: list[SampleGroup]) -> None:
+    def __init__(self, replica: Replica, view: View, window: Window, tiles: list[SampleGroup]) -> None:
         self._replica = replica
         self._view = view
         self._window = window
-        self._groups = groups
+        self._tiles = tiles
         device = replica.launcher.device
         self._table = splats.FilterTable()
         self._table.values = wp.array(splat_table(view.camera.filter), dtype=wp.float32, device=device)
         self._table.radius = view.camera.filter.radius
         self._table.reach = reach_of(view.camera.filter)
         self._side = 2 * self._table.reach + 1
-        self._splats = [self._zeros(len(group.rows)) for group in groups]
+        task, self._bucket = window.task, splats.Bucket()
+        self._bucket.x, self._bucket.y = task.x0, task.y0
+        self._bucket.width, self._bucket.height = task.x1 - task.x0, task.y1 - task.y0
+        self._bucket.image_width = view.camera.width
+        self._pixels = wp.zeros(
+            self._bucket.width * self._bucket.height * splats.PARTS, dtype=splats.row8, device=device
+        )
+        self._depth = np.zeros(window.shape[0] * window.shape[1])
+        self._hits = np.zeros(len(self._depth), np.int32)
+        # What the pixels of the tile hold that is on its way, and how many samples each of them has taken.
+        most = max((len(tile.rows) for tile in tiles), default=0)
+        self._held = wp.empty(most * self._side**2 * splats.PARTS, dtype=splats.row8, device=device)
+        self._taken = 0
 
-    def _zeros(self, pixels: int) -> Any:
-        device = self._replica.launcher.device
-        made = columns.zeros(splats.Splats, pixels * self._side**2, device)
-        made.depth = wp.zeros(pixels, dtype=wp.float64, device=device)
-        made.hits = wp.zeros(pixels, dtype=wp.int32, device=device)
-        return made
-
-    def add(self, group: int, rays: Arrays, sums: Any) -> None:
-        """Add samples to what the pixels of a group hold.
+    def add(self, tile: int, rays: Arrays, sums: Any) -> None:
+        """Add samples to what the pixels of a tile hold, and that to the bucket once these have all theirs.
 
         Args:
             rays: pixel and number of each sample, as many of each pixel, one pixel after another.
             sums: of each of them by itself (kernels.camera.add_samples.Sums).
         """
         launcher, total = self._replica.launcher, len(rays["pixel"])
-        pixels = len(self._groups[group].rows)
+        pixels, count = len(self._tiles[tile].rows), self._tiles[tile].count
+        if not self._taken:
+            self._held.zero_()
         arrays = {**rays, **self._stand_for(rays["sample"])}
         splatted = columns.upload(splats.Splatted, arrays, launcher.device, written=())
-        along = wp.empty(total * self._side, dtype=wp.vec2, device=launcher.device)
+        rows = wp.empty(total * splats.PARTS, dtype=splats.row8, device=launcher.device)
+        weight = wp.empty(total * self._side, dtype=wp.vec2d, device=launcher.device)
         launcher(
-            splats.weigh_samples,
+            splats.rows_of_samples,
             total,
             camera=self._replica.camera,
+            sums=sums,
             splatted=splatted,
             table=self._table,
-            weight_out=along,
+            rows_out=rows,
+            weight_out=weight,
         )
         launcher(
             splats.splat_samples,
             pixels,
-            sums=sums,
-            splatted=splatted,
-            along=along,
+            rows=rows,
+            weight=weight,
             samples=total // pixels,
             reach=self._table.reach,
-            splats_out=self._splats[group],
+            splats_out=self._held,
+        )
+        self._add_own(self._tiles[tile].rows, total // pixels, sums)
+        self._taken += total // pixels
+        if self._taken == count:
+            self._taken = 0
+            self._scatter(np.ascontiguousarray(rays["pixel"][:: total // pixels]), count)
+
+    def _add_own(self, rows: NDArray[np.intp], samples: int, sums: Any) -> None:
+        """Add depths and hits, which count in the samples' own pixel alone, in the order of samples."""
+        own = columns.download(sums, ("depth", "hits"))
+        for depth, hits in zip(own["depth"].reshape(-1, samples).T, own["hits"].reshape(-1, samples).T, strict=True):
+            self._depth[rows] += depth
+            self._hits[rows] += hits
+
+    def _scatter(self, pixels: NDArray[np.int32], samples: int) -> None:
+        """Add what pixels hold to the bucket's: in one thread on the CPU, part by part where threads are many."""
+        launcher = self._replica.launcher
+        shares = 1 if blocks.shares_memory(launcher.device) else splats.PARTS
+        launcher(
+            splats.scatter_splats,
+            shares,
+            splats=self._held,
+            pixels=columns.array_over(pixels, wp.int32, launcher.device),
+            samples=samples,
+            reach=self._table.reach,
+            bucket=self._bucket,
+            shares=shares,
+            pixels_out=self._pixels,
         )
 
     def _stand_for(self, sample: NDArray[np.int32]) -> Arrays:
@@ -144,39 +193,13 @@ class Splatting:
             volume = np.where(chosen, share, np.float32(0.0))
         return {"caustic_for": caustic, "volume_for": volume}
 
-    def pixels(self, samples: NDArray[np.int32]) -> dict[str, NDArray[Any]]:
-        """The bucket's pixels, as means (kernels.camera.add_samples.Sums), but for depth, a sum over their hits.
-
-        Args:
-            samples: that each pixel of the window has taken.
-        """
-        task, window, launcher = self._window.task, self._window, self._replica.launcher
-        there = splats.Window()
-        there.left, there.top = task.x0 - window.x0, task.y0 - window.y0
-        there.width = task.x1 - task.x0
-        there.whole_height, there.whole_width = window.shape
-        count = (task.x1 - task.x0) * (task.y1 - task.y0)
-        means = columns.zeros(add_samples.Sums, count, launcher.device)
-        launcher(
-            splats.gather_splats,
-            count,
-            splats=self._of_window(),
-            samples=wp.array(samples, dtype=wp.int32, device=launcher.device),
-            reach=self._table.reach,
-            window=there,
-            pixels_out=means,
-        )
-        return columns.download(means, (*_MEANS, "depth", "hits"))
-
-    def _of_window(self) -> Any:
-        """What all pixels of the window hold, row by row."""
-        rows, columns_ = self._window.shape
-        if len(self._groups) == 1 and len(self._groups[0].rows) == rows * columns_:
-            return self._splats[0]
-        device = self._replica.launcher.device
-        whole = columns.download(self._zeros(rows * columns_), _HELD)
-        for group, held in zip(self._groups, self._splats, strict=True):
-            for name, column in columns.download(held, _HELD).items():
-                by_pixel = whole[name].reshape(rows * columns_, -1)
-                by_pixel[group.rows] = column.reshape(len(group.rows), -1)
-        return columns.upload(splats.Splats, whole, device, written=())
+    def pixels(self) -> dict[str, NDArray[Any]]:
+        """The bucket's pixels, as means (kernels.camera.add_samples.Sums), but for depth, a sum over their hits."""
+        table = self._pixels.numpy().reshape(-1, splats.PARTS * 8)
+        weights = {"caustic": splats.CAUSTIC_WEIGHT, "volume": splats.VOLUME_WEIGHT}
+        found = {"depth": self._window.of_bucket(self._depth), "hits": self._window.of_bucket(self._hits)}
+        for number, name in enumerate(splats.COLORS):
+            weight = table[:, weights.get(name, splats.WEIGHT), None]
+            sums = table[:, 3 * number : 3 * number + 3]
+            found[name] = np.divide(sums, weight, out=np.zeros_like(sums), where=weight != 0)
+        return found

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from one_cell import FEW, ready
 
 from wdpm.cluster.task import BucketTask
-from wdpm.cluster.work.pixels.splatting import Splatting, window_of
+from wdpm.cluster.work.pixels import splatting as splatting_module
+from wdpm.cluster.work.pixels.splatting import Splatting, tiles_of, window_of
 from wdpm.cluster.work.pixels.waves import sample_groups
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples, splats
@@ -52,8 +53,11 @@ def weighted_mean(pixel_filter: PixelFilter, x: Array, y: Array, value: Array, t
 
 @pytest.mark.parametrize("pixel_filter", [TENT, GAUSSIAN, LANCZOS], ids=lambda each: each.kind.value)
 @pytest.mark.parametrize("uneven", [False, True], ids=["even", "uneven"])
-def test_pixels_are_means_of_all_samples_that_the_filter_reaches(pixel_filter: PixelFilter, uneven: bool) -> None:
+def test_pixels_are_means_of_all_samples_that_the_filter_reaches(
+    pixel_filter: PixelFilter, uneven: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of pixels that take more samples each counts for less: the picture is not drawn towards them."""
+    monkeypatch.setattr(splatting_module, "TILE_SAMPLES", 100)
     scene = cornell_box((WIDTH, HEIGHT))
     worker = ready(replace(scene, camera=replace(scene.camera, filter=pixel_filter)), FEW)
     view, replica = worker.replica.view, worker.replica
@@ -62,7 +66,9 @@ def test_pixels_are_means_of_all_samples_that_the_filter_reaches(pixel_filter: P
     counts = np.full(WIDTH * HEIGHT, 6, np.int32)
     if uneven:
         counts[::3] = 12
-    groups = sample_groups(np.zeros_like(counts), counts, alike=False)
+    assert np.array_equal(window.pixels(WIDTH), np.arange(WIDTH * HEIGHT))
+    groups = tiles_of(sample_groups(np.zeros_like(counts), counts, alike=False))
+    assert len(groups) > 3
     splatting, rng = Splatting(replica, view, window, groups), np.random.default_rng(1)
     at, values, share = [], [], []
     for number, group in enumerate(groups):
@@ -77,7 +83,7 @@ def test_pixels_are_means_of_all_samples_that_the_filter_reaches(pixel_filter: P
         share.append(1.0 / counts[rays["pixel"]])
     x, y = np.concatenate(at).T
     expected = weighted_mean(pixel_filter, x, y, np.concatenate(values), np.concatenate(share))
-    found = splatting.pixels(counts)
+    found = splatting.pixels()
     np.testing.assert_allclose(found["direct"].reshape(HEIGHT, WIDTH, 3), expected, rtol=2e-4, atol=2e-4)
     assert np.array_equal(found["hits"], counts)
 
@@ -89,10 +95,17 @@ def places_of(replica: Any, rays: dict[str, NDArray[np.int32]]) -> Array:
     """
     ones = np.ones(len(rays["pixel"]), np.float32)
     splatted = columns.upload(splats.Splatted, {**rays, "caustic_for": ones, "volume_for": ones}, "cpu")
-    tent, along = splats.FilterTable(), wp.empty(3 * len(ones), dtype=wp.vec2, device="cpu")
+    tent, along = splats.FilterTable(), wp.empty(3 * len(ones), dtype=wp.vec2d, device="cpu")
     tent.values, tent.radius, tent.reach = wp.array([1.0, 0.0], dtype=wp.float32, device="cpu"), 1.0, 1
     replica.launcher(
-        splats.weigh_samples, len(ones), camera=replica.camera, splatted=splatted, table=tent, weight_out=along
+        splats.rows_of_samples,
+        len(ones),
+        camera=replica.camera,
+        sums=columns.zeros(add_samples.Sums, len(ones), "cpu"),
+        splatted=splatted,
+        table=tent,
+        rows_out=wp.empty(splats.PARTS * len(ones), dtype=splats.row8, device="cpu"),
+        weight_out=along,
     )
     weights = along.numpy().reshape(-1, 3, 2).astype(np.float64)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=1e-6)
