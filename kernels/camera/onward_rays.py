@@ -7,6 +7,7 @@ import functools
 import warp as wp
 
 from wdpm.kernels.camera.paths import Paths, Vertex
+from wdpm.kernels.camera.picked_light import ways_of_vertex
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import (
     BY_FINAL_GATHER,
@@ -74,13 +75,14 @@ def make_go_on(features: Features) -> wp.Function:
                 onward.throughput = p.throughput
                 leaves = -s.normal
                 onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
+        ways = wp.float32(ways_of_vertex(scene.lights, s, p, orders))
         by_diffuse = wp.bool(False)
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
                 w_to = cosine_direction(numbers_2d(seed, p))
                 onward.direction = to_world(s, w_to)
-                onward.pdf = diffuse_share * (w_to[2] * INV_PI)
+                onward.pdf = diffuse_share * (w_to[2] * INV_PI) / ways
                 onward.anchor = s.position
                 onward.edges = p.edges + 1
                 onward.diffuse = wp.where(p.diffuse == 0, 1, scattered_again(p.diffuse))
@@ -109,7 +111,7 @@ def make_go_on(features: Features) -> wp.Function:
                     onward.throughput = wp.cw_mul(p.throughput, sampled.weight) / rest
                 else:
                     onward.direction = to_world(s, sampled.to)
-                    onward.pdf = rest * sampled.pdf
+                    onward.pdf = rest * sampled.pdf / ways
                     onward.anchor = s.position
                     onward.edges = p.edges + 1
                     onward.diffuse = scattered_again(p.diffuse)

@@ -27,6 +27,7 @@ PURPOSE_BOUNCE = wp.constant(wp.uint32(0x424F554E))
 PURPOSE_MEDIUM = wp.constant(wp.uint32(0x4D454449))
 PURPOSE_RECORD = wp.constant(wp.uint32(0x5245434F))
 PURPOSE_GUIDE = wp.constant(wp.uint32(0x47554944))
+PURPOSE_PICK = wp.constant(wp.uint32(0x5049434B))
 
 # Words of the hashes; constants, since a literal above 2^31 does not fit the int that Warp makes of it.
 _LOWBIAS_1 = wp.constant(wp.uint32(0x7FEB352D))
