@@ -29,7 +29,7 @@ from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.transport.memory import Channel, MemoryNetwork, MemoryTransport
 from wdpm.cluster.transport.transport import Role
-from wdpm.cluster.work.forked_tasks import ForkedTasks
+from wdpm.cluster.work.processes.forked_tasks import ForkedTasks
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ClusterError

@@ -1,4 +1,4 @@
-"""What a process that shares a worker's tasks tells its parent (cluster.work.forked_tasks); never on any network."""
+"""What processes that share a worker's tasks (cluster.work.processes) tell their parent; never on any network."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ psutil.Process = lambda: types.SimpleNamespace(memory_info=lambda: types.SimpleN
 sys.modules["psutil"] = psutil
 from wdpm.cli.main import main
 code = main(sys.argv[1:])
-assert "wdpm.cluster.work.forked_tasks" in sys.modules or "render" not in sys.argv
+assert "wdpm.cluster.work.processes.forked_tasks" in sys.modules or "render" not in sys.argv
 sys.exit(code)
 """
 """A system without fork and its like; psutil is what Windows has in their place."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from wdpm.cluster.host_memory import machine_memory
 from wdpm.cluster.transport.probe import is_free, loopback_trouble
+from wdpm.cluster.work.processes.sibling import can_fork_siblings
 from wdpm.devices import available_cores
 from wdpm.doctor.facts import Fact, State
 from wdpm.report.tables import format_bytes
@@ -79,7 +80,10 @@ def memory(cgroup: Path = CGROUP, meminfo: Path = MEMINFO) -> Fact:
 def processes() -> Fact:
     """How all cores are used."""
     if sys.platform == "linux":
-        return Fact("processes", "tasks go to processes forked from one, which share its memory")
+        together = (
+            "which fork each other" if can_fork_siblings() else "one after another, as clone3 is not allowed here"
+        )
+        return Fact("processes", f"tasks go to processes forked from one, {together} and share its memory")
     return Fact("processes", "no fork that is safe here: threads share launches; --slaves starts processes", State.NOTE)
 
 

@@ -13,7 +13,7 @@ from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.work.forked_tasks import can_fork
+from wdpm.cluster.work.processes.forked_tasks import can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.devices import available_cores, check_count

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import errno
 import gc
+import mmap
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,7 +26,8 @@ from wdpm.cluster.records import CachePlan, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.slave.jobs import Build, BuildMaps, Compute, ExchangeGhosts, FinishMaps, ForgetPhotons, StartTask
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonTask, RecordsMade, RecordTask
-from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
+from wdpm.cluster.work.processes import fork_tree
+from wdpm.cluster.work.processes.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.rendering.passes import render_in_passes
@@ -55,8 +57,17 @@ def forked(worker: CellWorker) -> Iterator[ForkedTasks]:
     tasks.stop()
 
 
+def begin(forked: ForkedTasks, tasks: list[BucketTask]) -> None:
+    """Start tasks, and have the processes forked that they wait for."""
+    for task in tasks:
+        forked.start(task)
+    forked._fork_for_waiting()
+
+
 def processes_of(forked: ForkedTasks) -> list[int]:
-    return [process.pid for process in forked._processes]
+    """Their numbers, once all are there."""
+    wait_until(lambda: all(process.forked.pid for process in forked._processes), "processes")
+    return [process.forked.pid for process in forked._processes]
 
 
 def is_there(pid: int) -> bool:
@@ -161,6 +172,7 @@ def test_processes_end_when_photons_are_forgotten_that_they_know() -> None:
     compute = Compute(lambda *_: worker, lambda _: forked)
     compute.start(Build(0, worker.replica.world, {}, (0,)))
     assert compute.start(StartTask(BUCKETS[0])) is None
+    forked._fork_for_waiting()
     assert len(processes_of(forked)) == 1
     while compute.under_way:
         compute.wait(60)
@@ -213,7 +225,7 @@ def test_a_process_that_was_killed_before_a_change_is_replaced_by_one_that_knows
 
 def test_no_process_is_left_when_nobody_holds_them_any_more(worker: CellWorker) -> None:
     forked = ForkedTasks(worker, 2)
-    forked.start(BUCKETS[0])
+    begin(forked, BUCKETS[:1])
     pids = processes_of(forked)
     assert all(map(is_there, pids))
     del forked
@@ -222,8 +234,7 @@ def test_no_process_is_left_when_nobody_holds_them_any_more(worker: CellWorker) 
 
 
 def test_no_task_waits_for_one_process_while_another_is_idle(forked: ForkedTasks) -> None:
-    for task in BUCKETS:
-        forked.start(task)
+    begin(forked, BUCKETS)
     assert forked.running == len(BUCKETS)
     assert [process.task for process in forked._processes] == BUCKETS[:3]
     left = len(BUCKETS)
@@ -245,15 +256,14 @@ def test_what_a_worker_had_before_stays_and_is_not_told_again(worker: CellWorker
 @pytest.mark.parametrize("victims", [1, MOST_LOSSES])
 def test_tasks_of_killed_processes_are_done_again(worker: CellWorker, forked: ForkedTasks, victims: int) -> None:
     expected = [worker.start(task).results[0] for task in BUCKETS]
-    for task in BUCKETS:
-        forked.start(task)
+    begin(forked, BUCKETS)
     for pid in processes_of(forked)[:victims]:
         os.kill(pid, signal.SIGKILL)
     assert same_pixels(finish(forked), expected)
 
 
 def test_processes_that_are_killed_again_and_again_end_the_render(forked: ForkedTasks) -> None:
-    forked.start(BUCKETS[0])
+    begin(forked, BUCKETS[:1])
 
     def kill_all() -> None:
         while True:
@@ -265,25 +275,33 @@ def test_processes_that_are_killed_again_and_again_end_the_render(forked: Forked
         kill_all()
 
 
+def allow(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let this process and those that are forked from it fork so many together."""
+    left = mmap.mmap(-1, 1)
+    left[0] = count
+
+    def counted(fork: Callable[..., int]) -> Callable[..., int]:
+        def fork_if_allowed(*arguments: int) -> int:
+            if not left[0]:
+                raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+            left[0] -= 1
+            return fork(*arguments)
+
+        return fork_if_allowed
+
+    monkeypatch.setattr(os, "fork", counted(os.fork))
+    monkeypatch.setattr(fork_tree, "fork_sibling", counted(fork_tree.fork_sibling))
+
+
 @pytest.mark.parametrize("allowed", [0, 1, 2])
 def test_a_system_that_allows_few_processes_or_none(
     allowed: int, worker: CellWorker, forked: ForkedTasks, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = [worker.start(task).results[0] for task in BUCKETS]
-    left, fork = [allowed], os.fork
-
-    def fork_some() -> int:
-        if not left[0]:
-            raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
-        left[0] -= 1
-        return fork()
-
-    monkeypatch.setattr(os, "fork", fork_some)
-    for task in BUCKETS:
-        forked.start(task)
-    assert len(processes_of(forked)) == allowed
+    allow(allowed, monkeypatch)
+    begin(forked, BUCKETS)
     if allowed == 2:  # and no other can take the place of one that is lost
-        os.kill(processes_of(forked)[0], signal.SIGKILL)
+        os.kill(forked._processes[0].forked.pid, signal.SIGKILL)
     assert same_pixels(finish(forked), expected)
 
 
@@ -312,25 +330,23 @@ def test_a_fault_tells_where_it_was(worker: CellWorker) -> None:
     forked.stop()
 
 
-def test_a_process_is_forked_when_there_is_a_task_for_it(forked: ForkedTasks) -> None:
-    """Those before it are at work by then; one that is idle is handed a task before another is forked."""
-    for count, task in enumerate(BUCKETS[:2], start=1):
-        forked.start(task)
-        assert [process.task for process in forked._processes] == BUCKETS[:count]
-    finish(forked)
+def test_as_many_processes_are_forked_as_there_are_tasks_for(forked: ForkedTasks) -> None:
+    """One that is idle is handed a task before another is forked."""
+    begin(forked, BUCKETS[:2])
+    assert [process.task for process in forked._processes] == BUCKETS[:2]
     first = processes_of(forked)
-    for task in BUCKETS[2:5]:
-        forked.start(task)
+    finish(forked)
+    assert processes_of(forked) == first
+    begin(forked, BUCKETS[2:5])
     assert len(processes_of(forked)) == 3
     assert processes_of(forked)[:2] == first
-    forked.start(BUCKETS[5])
+    begin(forked, BUCKETS[5:6])
     assert len(processes_of(forked)) == 3
     finish(forked)
 
 
 def test_no_process_is_left_when_they_are_stopped(forked: ForkedTasks) -> None:
-    for task in BUCKETS[:3]:
-        forked.start(task)
+    begin(forked, BUCKETS[:3])
     pids = processes_of(forked)
     finish(forked)
     assert len(pids) == 3
@@ -340,8 +356,7 @@ def test_no_process_is_left_when_they_are_stopped(forked: ForkedTasks) -> None:
 
 
 def test_no_process_is_left_when_the_render_is_given_up(forked: ForkedTasks) -> None:
-    for task in BUCKETS:
-        forked.start(task)
+    begin(forked, BUCKETS)
     pids = processes_of(forked)
     forked.stop()
     assert not any(map(is_there, pids))
@@ -366,10 +381,10 @@ def test_no_process_is_left_when_a_render_has_ended(monkeypatch: pytest.MonkeyPa
     forked: list[int] = []
     fork = ForkedTasks._fork
 
-    def noted(self: ForkedTasks) -> Any:
-        process = fork(self)
-        forked.append(process.pid)
-        return process
+    def noted(self: ForkedTasks, count: int) -> bool:
+        all_there = fork(self, count)
+        forked.extend(processes_of(self)[-count:])
+        return all_there
 
     monkeypatch.setattr(ForkedTasks, "_fork", noted)
     with InProcess(threads=2) as backend:
@@ -380,12 +395,15 @@ def test_no_process_is_left_when_a_render_has_ended(monkeypatch: pytest.MonkeyPa
 
 KILLED = """
 import os, sys, threading, time
-from wdpm.cluster.work import forked_tasks
+from wdpm.cluster.work.processes import forked_tasks
 fork = forked_tasks.ForkedTasks._fork
-def noted(self):
-    process = fork(self)
-    print(process.pid, flush=True)
-    return process
+def noted(self, count):
+    all_there = fork(self, count)
+    for process in self._processes:
+        while not process.forked.pid:
+            time.sleep(0.001)
+        print(process.forked.pid, flush=True)
+    return all_there
 forked_tasks.ForkedTasks._fork = noted
 import wdpm
 from wdpm.quiet import quiet_warp
@@ -417,13 +435,12 @@ def test_no_process_forks_that_has_used_cuda(monkeypatch: pytest.MonkeyPatch) ->
 def test_processes_that_are_let_go_end_by_themselves_and_are_waited_for_before_others_are_forked(
     forked: ForkedTasks,
 ) -> None:
-    for task in BUCKETS:
-        forked.start(task)
+    begin(forked, BUCKETS)
     before = processes_of(forked)
     forked.let_go()  # some are at a task
     assert not processes_of(forked)
     assert forked.running == 0
-    forked.start(BUCKETS[0])
+    begin(forked, BUCKETS[:1])
     assert not any(map(is_there, before))
     assert len(finish(forked)) == 1
     last = processes_of(forked)

@@ -21,11 +21,10 @@ import selectors
 import signal
 import sys
 import traceback
-import warnings
 import weakref
 from collections import deque
 from dataclasses import dataclass
-from typing import NoReturn
+from functools import partial
 
 import warp as wp
 
@@ -35,6 +34,7 @@ from wdpm.cluster.messages.frames import Frame
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.transport import stream
+from wdpm.cluster.work.processes.fork_tree import Forked, fork_tree
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import View
 from wdpm.scenes import errors
@@ -64,10 +64,9 @@ def can_fork(device: str) -> bool:
 
 @dataclass(eq=False)
 class _Process:
-    """A forked process as its parent knows it."""
+    """A forked process, and what its parent has it do."""
 
-    pid: int
-    stream: stream.Stream
+    forked: Forked
     task: Task | None = None
     private_bytes: int = 0
 
@@ -96,32 +95,30 @@ class ForkedTasks:
         return len(self._waiting) + sum(process.task is not None for process in self._processes)
 
     def start(self, task: Task) -> None:
-        """Have a task done after those that were started before.
-
-        A process is forked when there is a task for it: a fork takes some milliseconds, and more with more memory,
-        and those that are there already compute meanwhile.
-        """
+        """Have a task done after those that were started before, by a process that is idle; else see `wait`."""
         self._waiting.append(task)
         for process in self._processes:
             self._hand_next(process)
-        if self._waiting and len(self._processes) < self._count:
-            self._add()
 
     def wait(self, seconds: float | None = None) -> list[TaskResult]:
         """Results that have come; waits for one, for so long at most.
+
+        Where tasks wait for processes that are not there yet, it has these forked first: together, as that takes less
+        time, so not before all is started that is to be.
 
         Raises:
             WdpmError: what a task raised.
             ClusterError: processes were killed, again and again.
         """
+        self._fork_for_waiting()
         if not self._processes and self._waiting:
             return list(self._worker.start(self._waiting.popleft()).results)
         results: list[TaskResult] = []
         for key, _ in self._selector.select(seconds):
             process: _Process = key.data
-            frames = stream.receive(process.stream)
+            frames = stream.receive(process.forked.stream)
             if frames is None:
-                self._replace(process)
+                self._lose(process)
             else:
                 process.task = None
                 self._hand_next(process)  # before all else, since it waits
@@ -152,53 +149,36 @@ class ForkedTasks:
 
     # The parent's side.
 
-    def _add(self) -> None:
-        """Give what waits to another process, or to those that there are where the system allows no more of them.
+    def _fork_for_waiting(self) -> None:
+        """Give tasks that wait to other processes, or to those that there are where the system allows no more of them.
 
         A container may have a limit of processes, or be short of memory. Where there is none, `wait` does the tasks.
         """
-        try:
-            self._hand_next(self._fork())
-        except OSError:
+        wanted = min(len(self._waiting), self._count - len(self._processes))
+        if wanted > 0 and not self._fork(wanted):
             self._count = len(self._processes)
-            for process in self._processes:
-                self._hand_next(process)
+        for process in self._processes:
+            self._hand_next(process)
 
-    def _fork(self) -> _Process:
+    def _fork(self, count: int) -> bool:
+        """Fork so many processes; whether all are there or on their way."""
         if not self._processes:
             _end([], self._ending, os.getpid())
             return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
         self._worker.replica.launcher.stop_threads()
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         try:
-            return self._forked()
+            serve = partial(_serve, self._worker, os.getpid())
+            forked = fork_tree(count, serve, [process.forked.stream for process in self._processes])
+        except OSError:
+            return False
         finally:
             gc.unfreeze()
-
-    def _forked(self) -> _Process:
-        ours, theirs = stream.pair()
-        with warnings.catch_warnings():
-            # Python warns of threads, which a fork leaves behind with whatever locks they hold. Those of this process
-            # compute (none does now, the launcher has stopped its own), draw a progress bar or wait for a network: none
-            # of that is touched on the other side.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            parent = os.getpid()
-            try:
-                pid = os.fork()
-            except OSError:
-                ours.close()
-                theirs.close()
-                raise
-        if pid == 0:
-            ours.close()
-            for process in self._processes:
-                process.stream.close()  # or a sibling would not see the parent's end of it close
-            _serve(self._worker, theirs, parent)
-        theirs.close()
-        process = _Process(pid, ours)
-        self._processes.append(process)
-        self._selector.register(ours, selectors.EVENT_READ, process)
-        return process
+        for each in forked:
+            process = _Process(each)
+            self._processes.append(process)
+            self._selector.register(each.stream, selectors.EVENT_READ, process)
+        return len(forked) == count
 
     def _hand_next(self, process: _Process) -> None:
         """Hand a process that is at no task the next one, if there is one."""
@@ -222,27 +202,28 @@ class ForkedTasks:
         self._worker.add_share(answer.counted["values"], together)
         return answer.result
 
-    def _replace(self, lost: _Process) -> None:
-        """Give the task of a process that is gone to another one."""
+    def _lose(self, lost: _Process) -> None:
+        """Have the task of a process that is gone done by another one."""
         self._processes.remove(lost)
-        self._selector.unregister(lost.stream)
-        lost.stream.close()
-        _, status = os.waitpid(lost.pid, 0)
-        self._losses += 1
-        if self._losses > MOST_LOSSES:
-            raise ClusterError(
-                f"processes of this render end again and again ({_in_words(status)}); if memory is short, use fewer "
-                "--threads, photons or triangles"
-            )
+        self._selector.unregister(lost.forked.stream)
+        lost.forked.stream.close()
+        if lost.forked.pid:
+            _, status = os.waitpid(lost.forked.pid, 0)
+            self._losses += 1
+            if self._losses > MOST_LOSSES:
+                raise ClusterError(
+                    f"processes of this render end again and again ({_in_words(status)}); if memory is short, use "
+                    "fewer --threads, photons or triangles"
+                )
         if lost.task is not None:
             self._waiting.appendleft(lost.task)
-        self._add()
+        self._fork_for_waiting()
 
 
 def _send(process: _Process, frames: list[Frame]) -> None:
     """If it is gone, `wait` finds that out, and another one, forked of the worker as it is then, gets its task."""
     with contextlib.suppress(OSError):
-        stream.send(process.stream, frames)
+        stream.send(process.forked.stream, frames)
 
 
 def _end(processes: list[_Process], ending: list[_Process], parent: int) -> None:
@@ -254,17 +235,24 @@ def _end(processes: list[_Process], ending: list[_Process], parent: int) -> None
     if os.getpid() != parent:
         return
     _tell_to_end(processes)
-    for process in (*processes, *ending):
-        os.waitpid(process.pid, 0)
+    for process in (*ending, *processes):  # whoever forks others comes before them, so it is known by then who is there
+        if process.forked.pid:
+            _kill_at_task(process)
+            os.waitpid(process.forked.pid, 0)
     processes.clear()
     ending.clear()
 
 
 def _tell_to_end(processes: list[_Process]) -> None:
     for process in processes:
-        process.stream.close()
-        if process.task is not None:
-            os.kill(process.pid, signal.SIGKILL)
+        process.forked.stream.close()
+        if process.forked.pid:
+            _kill_at_task(process)
+
+
+def _kill_at_task(process: _Process) -> None:
+    if process.task is not None:
+        os.kill(process.forked.pid, signal.SIGKILL)
 
 
 def _in_words(status: int) -> str:
@@ -288,29 +276,21 @@ def _error_of(failed: shares.TaskFailed) -> BaseException:
 # The forked process's side.
 
 
-def _serve(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoReturn:
-    """Do tasks until the parent closes the stream, or ends. Never returns: the caller's stack is the parent's."""
-    try:
-        # Ctrl-C reaches all processes of a terminal; the parent decides what follows.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() == parent_pid:
-            keep_free_memory()  # its tasks are alike
-            worker.become_share()
-            memory = PrivateMemory()
-            while (frames := stream.receive(parent)) is not None:
-                order: protocol.StartTask | _Change = packing.decode(frames, _FROM_PARENT)
-                if isinstance(order, protocol.StartTask):
-                    stream.send(parent, packing.encode(_answer(worker, order.task, memory)))
-                else:
-                    _change(worker, order)
-    except OSError:
-        pass  # the parent is gone
-    except BaseException:
-        traceback.print_exc()
-        os._exit(1)
-    os._exit(0)
+def _serve(worker: CellWorker, parent_pid: int, parent: stream.Stream) -> None:
+    """Do tasks until the parent closes the stream, or ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent_pid:
+        return
+    keep_free_memory()  # its tasks are alike
+    worker.become_share()
+    memory = PrivateMemory()
+    with contextlib.suppress(OSError):  # if the parent is gone
+        while (frames := stream.receive(parent)) is not None:
+            order: protocol.StartTask | _Change = packing.decode(frames, _FROM_PARENT)
+            if isinstance(order, protocol.StartTask):
+                stream.send(parent, packing.encode(_answer(worker, order.task, memory)))
+            else:
+                _change(worker, order)
 
 
 def _change(worker: CellWorker, change: _Change) -> None:
