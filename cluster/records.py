@@ -258,7 +258,7 @@ def check_records(records: Records, number: int, start: int, stop: int, some: ND
     """Raise ProtocolError unless records may be those of the candidates start to stop - 1 of a round.
 
     Args:
-        some: the only ones of these that they may be of; all if None or empty.
+        some: the only ones of these that they may be of, ascending; all if None or empty.
     """
     count, first = len(records), number << ROUND_BITS
     for field in fields(Records):
@@ -270,5 +270,11 @@ def check_records(records: Records, number: int, start: int, stop: int, some: ND
     wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any() or (records.error < 0).any()
     if wrong or (count and not first + start <= records.number[0] <= records.number[-1] < first + stop):
         raise ProtocolError(f"irradiance records are not those of candidates {start} to {stop - 1} of round {number}")
-    if some is not None and len(some) and not np.isin(records.number - first, some).all():
+    if count and some is not None and len(some) and not _among(records.number - first, some):
         raise ProtocolError(f"irradiance records of round {number} are of candidates that were not asked for")
+
+
+def _among(values: NDArray[np.int64], ascending: NDArray[np.int32]) -> bool:
+    """Whether all values are among others, at least one, that ascend; np.isin sorts both, in nine times the time."""
+    place = ascending.searchsorted(values.astype(np.int32))
+    return bool((ascending[np.minimum(place, len(ascending) - 1)] == values).all())

@@ -358,6 +358,21 @@ def test_records_of_other_candidates_end_the_render(number: int, start: int, sto
         check_records(records, number, start, stop)
 
 
+@pytest.mark.parametrize(
+    ("some", "right"),
+    [([], True), ([0, 3], True), ([0, 1, 3, 4], True), ([0, 1, 2], False), ([1, 3, 4], False), ([4], False)],
+)
+def test_records_are_of_candidates_that_were_asked_for(some: list[int], right: bool) -> None:
+    records = made(RecordTask(0, 0, 0, 5)).records  # 0 and 3
+    asked = np.array(some, np.int32)
+    if right:
+        check_records(records, 0, 0, 5, asked)
+    else:
+        with pytest.raises(ProtocolError, match="of candidates that were not asked for"):
+            check_records(records, 0, 0, 5, asked)
+    check_records(NO_RECORDS, 0, 0, 5, asked)
+
+
 def test_photons_for_records_end_the_render() -> None:
     driver = Rounds()
     task = tasks_of(driver.to_records(), A)[0]
