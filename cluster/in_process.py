@@ -29,7 +29,7 @@ from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.transport.memory import Channel, MemoryNetwork, MemoryTransport
 from wdpm.cluster.transport.transport import Role
-from wdpm.cluster.work.processes.forked_tasks import ForkedTasks
+from wdpm.cluster.work.processes.forked_tasks import ForkedTasks, TaskObserver
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ClusterError
@@ -74,10 +74,10 @@ class Post:
         return channel
 
 
-def _shared(worker: Worker, processes: int) -> ForkedTasks | None:
+def _shared(worker: Worker, processes: int, observer: TaskObserver | None) -> ForkedTasks | None:
     """Processes for the tasks of a worker that has the whole scene."""
     if processes > 1 and isinstance(worker, CellWorker) and worker.holds_all:
-        return ForkedTasks(worker, processes)
+        return ForkedTasks(worker, processes, observer)
     return None
 
 
@@ -90,6 +90,7 @@ class MemoryCluster:
         shuffle: shuffles deliveries and jobs, for tests that order does not matter.
         processes: that do the tasks of a slave that has the whole scene.
         observers: are told what happens.
+        task_observer: is told of the tasks of those processes.
         launcher: of the master, for what it computes itself.
     """
 
@@ -102,8 +103,10 @@ class MemoryCluster:
         shuffle: random.Random | None = None,
         processes: int = 1,
         observers: Sequence[ClusterObserver] = (),
+        task_observer: TaskObserver | None = None,
         launcher: Launcher = ONE_THREAD,
     ) -> None:
+        self._share = partial(_shared, processes=processes, observer=task_observer)
         self._post = Post(shuffle)
         self._transport = MemoryTransport(lambda channel, _, delivery: self._post.put(channel, delivery))
         self._session: Session | None = None
@@ -127,7 +130,7 @@ class MemoryCluster:
         listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
         hello = protocol.Hello({}, "this process", number, 0, 0, listener.endpoint, processes)
         state = Slave(hello, "memory", patience=float("inf"), limits=limits)
-        self._computes[network] = Compute(make_worker, partial(_shared, processes=processes))
+        self._computes[network] = Compute(make_worker, self._share)
         submit = partial(self._submit, network)
         shell = self._slaves[network] = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None)
         shell.handle(s.Start())

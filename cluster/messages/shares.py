@@ -15,11 +15,13 @@ class TaskShared:
     Attributes:
         counted: by the worker meanwhile: {"values": what cluster.work.tally reads}.
         private_bytes: memory that the process shares with no other.
+        cpu_s: CPU time of the process since it told of the task before, or since it was forked [s].
     """
 
     result: TaskResult
     counted: dict[str, Any]
     private_bytes: int
+    cpu_s: float
 
 
 @dataclass(frozen=True)

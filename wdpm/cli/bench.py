@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm.bench.commands import (
+    cores,
     cuda,
     device,
     effects,
@@ -29,6 +30,7 @@ BENCHMARKS = (
     kernels.BENCHMARK,
     paper.BENCHMARK,
     scaling.BENCHMARK,
+    cores.BENCHMARK,
     effects.BENCHMARK,
     peers.BENCHMARK,
     hard_cases.BENCHMARK,
@@ -42,6 +44,7 @@ examples:
   wdpm bench kernels
   wdpm bench paper scene.xml --slaves 0,2,4 --routing both --markdown table.md
   wdpm bench scaling scene.xml --slaves 1,4,8 --copies auto
+  wdpm bench cores scene.xml --cores 2,8,16
   wdpm bench effects --plot effects.svg
   wdpm bench hard-cases --only furnace -o out/hard-cases
   wdpm bench peers sibenik/scene.xml sponza/scene.xml --errors 0.05,0.02,0.01,0.005

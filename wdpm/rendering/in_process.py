@@ -13,7 +13,7 @@ from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.work.processes.forked_tasks import can_fork
+from wdpm.cluster.work.processes.forked_tasks import TaskObserver, can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.devices import available_cores, check_count
@@ -59,6 +59,8 @@ class InProcess(Backend):
         team: how many of them hold the whole scene together; None for all.
         shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
         observers: are told what happens.
+        task_observer: is told of tasks that forked processes do.
+        launcher: of all launches of this process; None for one with these threads on this device.
         compiling: when a scene's kernels are compiled, on the CPU, if they have not been.
 
     Raises:
@@ -75,18 +77,22 @@ class InProcess(Backend):
         team: int | None = None,
         shuffle: random.Random | None = None,
         observers: Sequence[ClusterObserver] = (),
+        task_observer: TaskObserver | None = None,
+        launcher: Launcher | None = None,
         compiling: Compiling = Compiling.FIRST,
     ) -> None:
         if threads is not None:
             check_count("threads", threads)
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
-        self._launcher = Launcher(device, self.threads, wait_for_kernels=compiling is Compiling.FIRST)
+        waits = compiling is Compiling.FIRST
+        self._launcher = launcher or Launcher(device, self.threads, wait_for_kernels=waits)
         self._beside = KernelsBeside(compiling)
         self._workers = workers
         self._cells = cells
         self._team = workers if team is None else team
         self._shuffle = shuffle
         self._observers = observers
+        self._task_observer = task_observer
         self._alone = workers == 1 and cells in (None, 1) and shuffle is None
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
         self._clusters: weakref.WeakKeyDictionary[Prepared, _Held] = weakref.WeakKeyDictionary()
@@ -179,6 +185,7 @@ class InProcess(Backend):
             shuffle=self._shuffle,
             processes=processes,
             observers=self._observers,
+            task_observer=self._task_observer,
             launcher=launcher if launcher.device == "cpu" else ONE_THREAD,
         )
 

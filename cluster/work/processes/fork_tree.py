@@ -81,7 +81,7 @@ class _Tree:
         """Fork all, in the first process."""
         rest = range(len(self._pairs))
         while rest:
-            rest, given = _divided(rest) if can_fork_siblings() else (rest[1:], rest[:1])
+            rest, given = divided(rest) if can_fork_siblings() else (rest[1:], rest[:1])
             try:
                 pid = self._fork()
             except OSError:
@@ -132,7 +132,7 @@ class _Tree:
         self._close_theirs(place for place in range(len(self._pairs)) if place not in given)
         place, rest = given[0], given[1:]
         while rest:
-            rest, given = _divided(rest)
+            rest, given = divided(rest)
             try:
                 pid = fork_sibling(ctypes.addressof(self._numbers) + given[0] * ctypes.sizeof(ctypes.c_int32))
             except OSError:  # the first process sees streams end, and does without
@@ -155,7 +155,12 @@ class _Tree:
                 end.close()
 
 
-def _divided(places: range) -> tuple[range, range]:
+def divided(places: range) -> tuple[range, range]:
     """What one forks oneself, and what the process that is forked next does: half, or one more."""
     half = len(places) // 2
     return places[:half], places[half:]
+
+
+def forks_of_the_first(count: int) -> int:
+    """How many of so many processes the first one forks itself."""
+    return count.bit_length() if can_fork_siblings() else count

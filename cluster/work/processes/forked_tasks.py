@@ -20,11 +20,13 @@ import os
 import selectors
 import signal
 import sys
+import time
 import traceback
 import weakref
 from collections import deque
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import warp as wp
 
@@ -62,6 +64,19 @@ def can_fork(device: str) -> bool:
     return device == "cpu" and may and not any(gpu.has_context for gpu in wp.get_cuda_devices())
 
 
+class TaskObserver(Protocol):
+    """Is told what becomes of tasks, by the thread that starts them."""
+
+    def forked(self, count: int, cpu_s: float) -> None:
+        """So many processes have been forked together, or soon will be; that took this thread so long [CPU s]."""
+
+    def handed_out(self, number: int) -> None:
+        """A process has a task."""
+
+    def done(self, number: int, cpu_s: float) -> None:
+        """It is done, and took a process so long, with what that was told before [CPU s]."""
+
+
 @dataclass(eq=False)
 class _Process:
     """A forked process, and what its parent has it do."""
@@ -77,10 +92,12 @@ class ForkedTasks:
     Args:
         worker: has all cells, so that its tasks need nobody else.
         processes: how many, at least 1.
+        observer: is told of tasks that processes do.
     """
 
-    def __init__(self, worker: CellWorker, processes: int) -> None:
+    def __init__(self, worker: CellWorker, processes: int, observer: TaskObserver | None = None) -> None:
         self._worker = worker
+        self._observer = observer
         self._count = processes
         self._processes: list[_Process] = []
         self._ending: list[_Process] = []  # told to end, and not waited for: that takes some ten milliseconds
@@ -168,8 +185,11 @@ class ForkedTasks:
         self._worker.replica.launcher.stop_threads()
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         try:
-            serve = partial(_serve, self._worker, os.getpid())
-            forked = fork_tree(count, serve, [process.forked.stream for process in self._processes])
+            serve, others = partial(_serve, self._worker, os.getpid()), [each.forked.stream for each in self._processes]
+            began = time.thread_time()
+            forked = fork_tree(count, serve, others)
+            if self._observer is not None:
+                self._observer.forked(len(forked), time.thread_time() - began)
         except OSError:
             return False
         finally:
@@ -185,6 +205,8 @@ class ForkedTasks:
         if process.task is None and self._waiting:
             process.task = self._waiting.popleft()
             _send(process, packing.encode(protocol.StartTask(0, process.task)))
+            if self._observer is not None:
+                self._observer.handed_out(process.task.number)
 
     def _tell(self, change: _Change) -> None:
         if self._processes:
@@ -200,6 +222,8 @@ class ForkedTasks:
         process.private_bytes = answer.private_bytes
         together = sum(process.private_bytes for process in self._processes)
         self._worker.add_share(answer.counted["values"], together)
+        if self._observer is not None:
+            self._observer.done(answer.result.number, answer.cpu_s)
         return answer.result
 
     def _lose(self, lost: _Process) -> None:
@@ -281,6 +305,7 @@ def _serve(worker: CellWorker, parent_pid: int, parent: stream.Stream) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent_pid:
         return
+    told = time.process_time()
     keep_free_memory()  # its tasks are alike
     worker.become_share()
     memory = PrivateMemory()
@@ -288,7 +313,9 @@ def _serve(worker: CellWorker, parent_pid: int, parent: stream.Stream) -> None:
         while (frames := stream.receive(parent)) is not None:
             order: protocol.StartTask | _Change = packing.decode(frames, _FROM_PARENT)
             if isinstance(order, protocol.StartTask):
-                stream.send(parent, packing.encode(_answer(worker, order.task, memory)))
+                answer = _answer(worker, order.task, memory, told)
+                told = time.process_time()
+                stream.send(parent, packing.encode(answer))
             else:
                 _change(worker, order)
 
@@ -303,12 +330,17 @@ def _change(worker: CellWorker, change: _Change) -> None:
     worker.take_share()
 
 
-def _answer(worker: CellWorker, task: Task, memory: PrivateMemory) -> shares.FromShare:
-    """What the parent is told when a task is done, or has failed."""
+def _answer(worker: CellWorker, task: Task, memory: PrivateMemory, told: float) -> shares.FromShare:
+    """What the parent is told when a task is done, or has failed.
+
+    Args:
+        told: when it was told last, by the process's CPU time [s].
+    """
     try:
         outbox = worker.start(task)
         if outbox.batches or len(outbox.results) != 1:
             raise AssertionError(f"task {task.number} was not done by itself")
-        return shares.TaskShared(outbox.results[0], {"values": worker.take_share()}, memory.bytes())
+        counted, private_bytes = {"values": worker.take_share()}, memory.bytes()
+        return shares.TaskShared(outbox.results[0], counted, private_bytes, time.process_time() - told)
     except Exception as error:
         return shares.TaskFailed(type(error).__name__, str(error), traceback.format_exc())
