@@ -137,11 +137,35 @@ class Launcher:
             for size, inputs in launches:
                 launch(kernel, size, inputs, self.device)
         else:
-            futures = [pool.submit(launch, kernel, size, inputs, self.device) for size, inputs in launches]
-            for future in futures:
-                future.result()
+            share_out(pool, self.threads, lambda size, inputs: launch(kernel, size, inputs, self.device), launches)
         if self.device != "cpu":
             wp.synchronize_device(self.device)
+
+
+def share_out(
+    pool: ThreadPoolExecutor,
+    threads: int,
+    do: Callable[[int, Sequence[Any]], None],
+    launches: Sequence[tuple[int, Sequence[Any]]],
+) -> None:
+    """Do several launches on this thread and others of a pool, so many in all, each the next whenever it is free.
+
+    A thread is told once, not for each launch: that takes the interpreter some 10 us, and there are thrice as many.
+    Waits for all; raises what one of them raises.
+    """
+    waiting = iter(launches)
+
+    def work() -> None:
+        for size, inputs in waiting:
+            do(size, inputs)
+
+    others = [pool.submit(work) for _ in range(min(threads, len(launches)) - 1)]
+    try:
+        work()
+    finally:
+        for other in others:
+            if not other.cancel():  # one that has not begun has nothing left to do
+                other.result()
 
 
 ONE_THREAD = Launcher("cpu", 1)

@@ -121,8 +121,8 @@ class Clock:
 def test_a_render_is_taken_down_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Clock(monkeypatch)
     recorder = Recorder()
-    clock.let_pass(1.0, 3.5)
-    recorder.launched([1.0, 2.0])  # of the 3.5 s of other threads
+    clock.let_pass(1.5, 3.0)
+    recorder.launched([0.5, 1.0, 1.5], 0.5)  # of the 1.5 s of this thread, and the 3 s of others
     clock.let_pass(0.5)
     recorder.forked(2, 0.5)
     for number in (7, 8):
@@ -136,7 +136,7 @@ def test_a_render_is_taken_down_in_parts(monkeypatch: pytest.MonkeyPatch) -> Non
     recorder.done(7, 6.0)
     clock.let_pass(0.125)
     assert recorder.end().parts == [
-        Alone(1.0, ((1.0, 2.0),), 0.5),
+        Alone(1.0, ((0.5, 1.0, 1.5),), 0.5),
         Phase((2.0, 3.0, 1.0), forked=2, fork=0.25, together=False, first_process=0.25),
         Alone(4.0),
         Phase((6.0,), there=2, together=False),
@@ -154,7 +154,7 @@ def number_all(offset: int, numbers_out: wp.array(dtype=int)) -> None:
 
 def test_launches_that_the_rendering_thread_cuts_are_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     cut: list[int] = []
-    monkeypatch.setattr(Recorder, "launched", lambda _, chunks: cut.append(len(chunks)))
+    monkeypatch.setattr(Recorder, "launched", lambda _, chunks, __: cut.append(len(chunks)))
     launcher = TimedLauncher(2, Recorder())
 
     def number(count: int) -> list[int]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 import warp as wp
 
-from wdpm.kernels.launch import Launcher
+from wdpm.kernels.launch import Launcher, share_out
 
 
 @wp.kernel
@@ -77,3 +79,47 @@ def test_functions_that_run_at_once_do() -> None:
     """Each waits for the other."""
     meeting = threading.Barrier(2, timeout=60)
     Launcher("cpu", 2).at_once(meeting.wait, meeting.wait)
+
+
+def test_launches_are_shared_out_to_this_thread_and_others() -> None:
+    """As many are under way at once as there are threads, and each is done once."""
+    meeting, threads = threading.Barrier(3, timeout=60), set()
+    done: list[int] = []
+
+    def do(size: int, inputs: Sequence[int]) -> None:
+        if size == 0:
+            meeting.wait()
+            threads.add(threading.get_ident())
+        done.extend(inputs)
+
+    with ThreadPoolExecutor(3) as pool:
+        share_out(pool, 3, do, [(0, [0]), (0, [1]), (0, [2]), *((1, [item]) for item in range(3, 20))])
+    assert sorted(done) == list(range(20))
+    assert len(threads) == 3
+    assert threading.get_ident() in threads
+
+
+def test_this_thread_does_all_where_others_are_busy() -> None:
+    leave, done = threading.Event(), []
+    with ThreadPoolExecutor(1) as pool:
+        busy = pool.submit(leave.wait, 60)
+        share_out(pool, 2, lambda size, _: done.append(size), [(1, []), (2, []), (3, [])])
+        assert not busy.done()
+        leave.set()
+    assert done == [1, 2, 3]
+
+
+@pytest.mark.parametrize("failing", range(3))
+def test_what_a_launch_raises_is_raised_on_whichever_thread(failing: int) -> None:
+    meeting = threading.Barrier(3, timeout=60)
+    ended = []
+
+    def do(size: int, _: object) -> None:
+        meeting.wait()  # so that each is on a thread of its own
+        if size == failing:
+            raise ZeroDivisionError("by nothing")
+        ended.append(size)
+
+    with ThreadPoolExecutor(2) as pool, pytest.raises(ZeroDivisionError, match="by nothing"):
+        share_out(pool, 3, do, [(size, []) for size in range(3)])
+    assert sorted(ended) == [size for size in range(3) if size != failing]

@@ -12,7 +12,7 @@ import warp as wp
 from wdpm.bench.cores.schedule import Alone, Phase, Render
 from wdpm.cluster.work.processes.fork_tree import forks_of_the_first
 from wdpm.cluster.work.processes.sibling import can_fork_siblings
-from wdpm.kernels.launch import Launcher
+from wdpm.kernels.launch import Launcher, share_out
 from wdpm.kernels.quick_launch import launch
 
 
@@ -28,6 +28,7 @@ class Recorder:
         self._processes = self._forked = 0
         self._fork_s = 0.0
         self._launches: list[tuple[float, ...]] = []
+        self._chunks_here_s = 0.0
         self._thread_s, self._process_s = time.thread_time(), time.process_time()
 
     def end(self) -> Render:
@@ -36,9 +37,14 @@ class Recorder:
         render, self._render, self._processes = self._render, Render(), 0
         return render
 
-    def launched(self, chunks: Sequence[float]) -> None:
-        """A launch was cut into chunks, which took so long each [CPU s]."""
+    def launched(self, chunks: Sequence[float], here_s: float) -> None:
+        """A launch was cut into chunks, which took so long each [CPU s].
+
+        Args:
+            here_s: those of them that this thread did, together [CPU s].
+        """
         self._launches.append(tuple(chunks))
+        self._chunks_here_s += here_s
 
     def forked(self, count: int, cpu_s: float) -> None:
         """See TaskObserver."""
@@ -62,10 +68,10 @@ class Recorder:
     def _end_alone(self, fork_s: float = 0.0) -> None:
         """What was done since is the first process's alone; but for forks, which are a phase's."""
         thread, process = self._took()
-        chunks = sum(map(sum, self._launches))
-        beside = max(0.0, process - thread - chunks)
-        self._render.parts.append(Alone(max(0.0, thread - fork_s), tuple(self._launches), beside))
-        self._launches = []
+        beside = max(0.0, process - thread - sum(map(sum, self._launches)) + self._chunks_here_s)
+        alone = max(0.0, thread - fork_s - self._chunks_here_s)
+        self._render.parts.append(Alone(alone, tuple(self._launches), beside))
+        self._launches, self._chunks_here_s = [], 0.0
 
     def _end_phase(self) -> None:
         tasks = tuple(cpu_s for cpu_s in self._order.values() if cpu_s is not None)
@@ -73,7 +79,8 @@ class Recorder:
         forks = (self._processes, self._forked, self._fork_s, can_fork_siblings())
         self._render.parts.append(Phase(tasks, *forks, first_process=process))
         self._processes += self._forked
-        self._forked, self._fork_s, self._order, self._launches = 0, 0.0, {}, []
+        self._forked, self._fork_s, self._order = 0, 0.0, {}
+        self._launches, self._chunks_here_s = [], 0.0
 
     def _took(self) -> tuple[float, float]:
         """CPU time of this thread, and of all threads of this process, since this was last asked [s]."""
@@ -99,10 +106,13 @@ class TimedLauncher(Launcher):
             super().run(kernel, launches)
             return
 
-        def timed(size: int, inputs: Sequence[Any]) -> float:
+        here: list[float] = []
+        elsewhere: list[float] = []
+
+        def timed(size: int, inputs: Sequence[Any]) -> None:
             began = time.thread_time()
             launch(kernel, size, inputs, self.device)
-            return time.thread_time() - began
+            (here if threading.get_ident() == self._owner else elsewhere).append(time.thread_time() - began)
 
-        futures = [pool.submit(timed, size, inputs) for size, inputs in launches]
-        self._recorder.launched([future.result() for future in futures])
+        share_out(pool, self.threads, timed, launches)
+        self._recorder.launched([*here, *elsewhere], sum(here))
