@@ -58,6 +58,7 @@ PATH: Final[Fields] = {
     "medium": integer("that the ray is in, -1 for none", least=-1, end=Many.MEDIA),
     "origin": vector("[scene units]"),
     "direction": vector("of any length"),
+    "left": vector("normal of the surface that the ray left, on its side, where its medium begins there; else zero"),
     "anchor": vector("the last vertex that scattered [scene units]"),
     "throughput": vector("what light that arrives along the ray counts for in the sample"),
     "pdf": number("pdf_solid_angle of the direction at the anchor [1/sr]; 0 for a delta"),
@@ -100,6 +101,8 @@ STRETCH: Final[Fields] = {
     "radiance": vector("throughput before the stretch"),
     "length": number("[scene units]"),
     **chosen(PATH, "medium"),
+    "start": vector("normal of the surface that the medium begins at, on the stretch's side; zero where there is none"),
+    "end": vector("the same where it ends"),
 }
 """Stretches of camera rays in a medium."""
 

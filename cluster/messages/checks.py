@@ -35,7 +35,7 @@ from wdpm.kernels.fields import Many
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
-from wdpm.scenes.flat.grids import MOST_VALUES, Grids
+from wdpm.scenes.flat.grids import MOST_VALUES, WRAPS, Grids
 from wdpm.scenes.flat.instances import Instances, Shapes
 from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
@@ -89,6 +89,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "low": ("grids", 3),
         "high": ("grids", 3),
         "nearest": ("grids",),
+        "wrap": ("grids",),
         "channels": ("grids",),
         "values": ("values",),
     },
@@ -251,6 +252,7 @@ def _grids(grids: Grids, where: str) -> None:
     """Values are as many as the sizes say, and boxes lie within their lattices."""
     _indices(grids.size.ravel(), 1, LARGEST_SIDE, f"{where}.size")
     _indices(grids.nearest, 0, 2, f"{where}.nearest")
+    _indices(grids.wrap, 0, len(WRAPS), f"{where}.wrap")
     _require(bool(np.isin(grids.channels, (1, 3)).all()), where, f"channels {grids.channels}; expected 1 or 3")
     values = sum(math.prod(map(int, size)) * int(n) for size, n in zip(grids.size, grids.channels, strict=True))
     _require(values == len(grids.values) <= MOST_VALUES, where, f"{len(grids.values)} values; expected {values}")

@@ -66,12 +66,14 @@ def make_go_on(features: Features) -> wp.Function:
         onward = path_from(p)
         leaves = s.normal
         straight = wp.int32(0)
+        through = wp.bool(False)
         u_lobe = wp.float32(0.0)
         if wp.static(features.glossy):
             u_lobe = number_1d(seed, p, LOBE)
         if wp.static(features.passing):
             if s.bsdf.kind == NULL:
                 straight = 1
+                through = True
                 onward.throughput = p.throughput
                 leaves = -s.normal
                 onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
@@ -107,6 +109,7 @@ def make_go_on(features: Features) -> wp.Function:
                 if crosses == 1:
                     leaves = -s.normal
                     onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
+                through = crosses == 1 and sampled.straight == 1
                 if sampled.straight == 1:
                     onward.throughput = wp.cw_mul(p.throughput, sampled.weight) / rest
                 else:
@@ -120,6 +123,10 @@ def make_go_on(features: Features) -> wp.Function:
                         if wp.static(features.bent):
                             onward.throughput = onward.throughput * bump_shading(s, onward.direction)
         onward.origin = leave(s.position, leaves, scene.surfaces.offset_min)
+        if wp.static(features.media):
+            onward.left = leaves
+            if through and onward.medium == p.medium:
+                onward.left = wp.vec3(0.0)
         roulette_from = wp.int32(ROULETTE_FROM)
         if wp.static(features.traced):
             if orders.diffuse_light == BY_PATHS:

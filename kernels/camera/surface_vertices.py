@@ -30,6 +30,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.lights.choice import light_starts
 from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
+from wdpm.kernels.materials.resolve import medium_beyond
 from wdpm.kernels.materials.surface import make_surface, to_local
 from wdpm.kernels.materials.types import BLACK, NULL
 
@@ -64,6 +65,9 @@ def make_shade_surface(features: Features) -> wp.Function:
             u_choice = number_1d(scene.camera.seed, p, CHOICE)
         s = surface_at(scene.surfaces, scene.materials, scene.textures, p.prim, p.u, p.v, to_viewer, u_choice)
         w_from = to_local(s, to_viewer)
+        if wp.static(features.media):
+            if s.bsdf.kind != NULL or medium_beyond(scene.materials, s.material, s.front, p.medium) != p.medium:
+                shaded_out.stretches.end[i] = s.normal
 
         diffuse_share = wp.float32(0.0)
         shines = orders.max_depth == 0 or p.edges <= orders.max_depth

@@ -251,7 +251,7 @@ def carry_on(
 
 @wp.func
 def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_out: wp.ref[Stretches]) -> None:
-    """Write down the stretch of the ray before a vertex, if it is in a medium."""
+    """Write down the stretch of the ray before a vertex, if it is in a medium; it ends at no surface yet."""
     passed = Stretch()
     passed.slot = p.slot
     passed.sample = p.sample
@@ -261,6 +261,7 @@ def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_ou
     passed.length = length
     passed.radiance = p.throughput
     passed.medium = p.medium
+    passed.start = p.left
     store_stretch(passed, p.row, stretches_out)
 
 

@@ -13,7 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.scenes.flat.grids import WRAPS
 from wdpm.scenes.flat.grids import Grids as GridTable
+from wdpm.scenes.model.textures import Wrap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -22,6 +24,9 @@ BLOCK: Final = 8
 
 _ZERO = wp.constant(wp.float64(0.0))
 _ONE = wp.constant(wp.float64(1.0))
+_TWO = wp.constant(wp.float64(2.0))
+
+_CLAMP, _REPEAT = wp.constant(WRAPS.index(Wrap.CLAMP)), wp.constant(WRAPS.index(Wrap.REPEAT))
 
 
 @wp.struct
@@ -44,6 +49,7 @@ class Grids:
     last: wp.array[wp.vec3i]
     blocks: wp.array[wp.vec3i]
     nearest: wp.array[wp.int32]
+    wrap: wp.array[wp.int32]
     channels: wp.array[wp.int32]
     start: wp.array[wp.int32]
     block_start: wp.array[wp.int32]
@@ -79,6 +85,7 @@ def upload(table: GridTable, device: str) -> Any:
     sides = np.array([least.shape[::-1] for least, _ in blocks], np.int32).reshape(-1, 3)
     grids.blocks = wp.array(sides, dtype=wp.vec3i, device=device)
     grids.nearest = wp.array(table.nearest, dtype=wp.int32, device=device)
+    grids.wrap = wp.array(table.wrap, dtype=wp.int32, device=device)
     grids.channels = wp.array(table.channels, dtype=wp.int32, device=device)
     grids.start = wp.array(table.starts[:-1].astype(np.int32), dtype=wp.int32, device=device)
     grids.block_start = wp.array(np.cumsum([0, *counts])[:-1].astype(np.int32), dtype=wp.int32, device=device)
@@ -183,11 +190,27 @@ def lattice_place(grids: wp.ref[Grids], grid: wp.int32, position: wp.vec3) -> wp
 
 
 @wp.func
+def _wrapped(place: wp.float64, low: wp.float64, high: wp.float64, wrap: wp.int32) -> wp.float64:
+    """The place between low and high that one along an axis stands for."""
+    side = high - low
+    if wrap == _CLAMP or (place >= low and place <= high) or side <= _ZERO or not wp.isfinite(place):
+        return wp.clamp(place, low, high)
+    turns = (place - low) / side
+    if wrap == _REPEAT:
+        turns -= wp.floor(turns)
+    else:
+        turns -= _TWO * wp.floor(turns / _TWO)
+    if turns > _ONE:
+        turns = _TWO - turns
+    return wp.clamp(low + turns * side, low, high)
+
+
+@wp.func
 def color_at(grids: wp.ref[Grids], grid: wp.int32, position: wp.vec3) -> wp.vec3:
-    """What a grid has at a point, or at the nearest place of its box: a number as grey."""
+    """What a grid has at a point, or at the place of its box that stands for it: a number as grey."""
     inside = lattice_place(grids, grid, position)
     for axis in range(3):
-        inside[axis] = wp.clamp(inside[axis], grids.low[grid][axis], grids.high[grid][axis])
+        inside[axis] = _wrapped(inside[axis], grids.low[grid][axis], grids.high[grid][axis], grids.wrap[grid])
     cell = cell_at(inside, wp.vec3i(0, 0, 0), grids.last[grid])
     share = within(inside, cell)
     red = wp.float32(value_of(corners_of(grids, grid, cell, 0), share))

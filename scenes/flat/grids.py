@@ -1,8 +1,8 @@
 """Volumes as lattices in one array: what kernels read and what travels to slaves.
 
 A lattice has nodes at whole coordinates. Where values are interpolated, a node is a value; what a wrap mode says of the
-half voxel at the faces is told by one more layer of nodes around the grid, so that kernels know of no wrap. Where each
-voxel has one value, voxel i is what lies between the coordinates i and i + 1.
+half voxel at the faces is told by one more layer of nodes around the grid. Where each voxel has one value, voxel i is
+what lies between the coordinates i and i + 1.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ from wdpm.scenes.model.volumes import Volume
 MOST_VALUES = 2**31 - 1
 """Values of all grids together: kernels count them with 32 bits. 8 GB, on every slave."""
 
+WRAPS = (Wrap.CLAMP, Wrap.REPEAT, Wrap.MIRROR)
+"""By the numbers that kernels know them by."""
+
 _PADDING = {Wrap.CLAMP: "edge", Wrap.REPEAT: "wrap", Wrap.MIRROR: "symmetric"}
 
 
@@ -32,6 +35,7 @@ class Grids:
         to_lattice: from the renderer's space to coordinates of the lattice, float64, shape [G, 3, 4].
         low, high: opposite corners of the box that the grid fills, in those coordinates, float64, shape [G, 3].
         nearest: 1 where voxels have one value each, 0 where values are interpolated, int32, shape [G].
+        wrap: how a colour goes on beyond the box, a number of WRAPS, int32, shape [G].
         channels: 1 or 3, int32, shape [G].
         values: of all lattices one after another, by z, y, x and channel, float32, shape [N].
     """
@@ -41,6 +45,7 @@ class Grids:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     nearest: NDArray[np.int32]
+    wrap: NDArray[np.int32]
     channels: NDArray[np.int32]
     values: NDArray[np.float32]
 
@@ -84,6 +89,7 @@ def tabulate_grids(volumes: Sequence[Volume]) -> Grids:
         low=np.array([low for low, _ in boxes]).reshape(-1, 3),
         high=np.array([high for _, high in boxes]).reshape(-1, 3),
         nearest=np.array([volume.nearest for volume in volumes], np.int32),
+        wrap=np.array([WRAPS.index(volume.wrap) for volume in volumes], np.int32),
         channels=np.array([nodes.shape[3] for nodes in lattices], np.int32),
         values=np.concatenate([nodes.reshape(-1) for nodes in lattices] or [np.zeros(0, np.float32)]),
     )

@@ -20,8 +20,8 @@ class Volume:
         to_world: where the unit cube lies that the grid fills, float64, shape [4, 4].
         nearest: each voxel has one value throughout; else values are interpolated between voxels, trilinearly.
         at_corners: the outermost values lie on the box's faces (Mitsuba 0.6), not half a voxel within (Mitsuba 3).
-        wrap: what is interpolated with, half a voxel from the box's faces. Means nothing where `nearest` or
-            `at_corners`.
+        wrap: how a colour goes on beyond the box, and what is interpolated with, half a voxel from the box's faces. The
+            latter means nothing where `nearest` or `at_corners`.
     """
 
     name: str

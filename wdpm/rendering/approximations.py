@@ -29,7 +29,9 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
     if world.volume_map.paths:
         radius = world.volume_map.radius * world.unit
-        lines.append(f"light scattered in media: averaged over a fixed radius of {radius:.4g} about rays")
+        lines.append(
+            f"light scattered in media: averaged over what is inside of a fixed radius of {radius:.4g} about rays"
+        )
         if settings.spp > settings.volume_samples:
             lines.append(f"it is looked for by {settings.volume_samples} of {settings.spp} samples a pixel")
     spheres = [mesh for mesh in scene.meshes if _is_shiny(scene, mesh) and is_round(mesh)]

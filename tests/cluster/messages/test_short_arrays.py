@@ -135,6 +135,7 @@ def gather_rays(count: int) -> Batch:
     for name, none in (("t", 3.4e38), ("u", 0), ("v", 0), ("prim", -1), ("owner", -1)):
         columns[name][missed] = none
     columns["pdf"] = np.zeros(count, np.float32)
+    columns["left"] = np.zeros((count, 3), np.float32)  # in no medium
     return Batch.of_task(Kind.PATH, 1, 0, 0, count, columns)
 
 

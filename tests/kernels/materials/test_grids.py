@@ -230,3 +230,34 @@ def test_colours_are_those_of_the_nearest_place_of_the_box() -> None:
     wp.launch(color_kernel, dim=3, inputs=inputs, outputs=[out], device="cpu")
     expected = np.float32([values[2, 0, 2], values[2, 0, 0], values[0, 3, 4]])
     np.testing.assert_allclose(out.numpy(), expected, rtol=1e-6)
+
+
+def colors_at(what: Volume, position: ArrayLike) -> Wide:
+    """Shape [positions, 3]."""
+    places = np.asarray(position, np.float32)
+    out = wp.zeros(len(places), dtype=wp.vec3, device="cpu")
+    inputs = [grids.upload(tabulate_grids([what]), "cpu"), wp.array(places, dtype=wp.vec3, device="cpu")]
+    wp.launch(color_kernel, dim=len(places), inputs=inputs, outputs=[out], device="cpu")
+    return np.asarray(out.numpy(), np.float64)
+
+
+@pytest.mark.parametrize("nearest", [False, True])
+@pytest.mark.parametrize("wrap", list(Wrap))
+def test_colours_go_on_beyond_the_box_as_their_wrap_says(wrap: Wrap, nearest: bool) -> None:
+    rng = np.random.default_rng(3)
+    what = volume(rng.uniform(size=(3, 4, 5, 3)), wrap=wrap, nearest=nearest)
+    beyond = rng.uniform(-2.4, 3.4, (400, 3)).round(3) + 1e-4  # on no face of the box, and of no voxel
+    turns = np.floor(beyond)
+    inside = {
+        Wrap.CLAMP: np.clip(beyond, 0.0, 1.0),
+        Wrap.REPEAT: beyond - turns,
+        Wrap.MIRROR: np.where(turns % 2 == 0, beyond - turns, 1.0 - (beyond - turns)),
+    }[wrap]
+    np.testing.assert_allclose(colors_at(what, beyond), colors_at(what, inside), atol=1e-5)
+
+
+def test_colours_beyond_all_bounds_are_some_of_the_grid() -> None:
+    what = volume(np.random.default_rng(4).uniform(0.25, 0.5, (2, 2, 2, 3)), wrap=Wrap.REPEAT)
+    found = colors_at(what, [[np.inf, 0.5, 0.5], [-np.inf, 0.1, 1e38], [3e38, -3e38, 0.2]])
+    assert found.min() >= 0.25
+    assert found.max() <= 0.5

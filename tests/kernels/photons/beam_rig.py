@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,13 @@ class Stretches:
     direction: Floats
     length: Floats
     medium: NDArray[np.int32]
+    start: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    end: Floats = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+
+    def normals(self, name: str) -> Floats:
+        """Of the surfaces at one end; zero where none are given."""
+        given: Floats = getattr(self, name)
+        return given if len(given) else np.zeros_like(self.origin)
 
 
 def unit_vectors(rng: np.random.Generator, count: int) -> Floats:
@@ -59,6 +66,8 @@ def upload(s: Stretches) -> Any:
     beams.origin = wp.array(s.origin, dtype=wp.vec3, device="cpu")
     beams.direction = wp.array(s.direction, dtype=wp.vec3, device="cpu")
     beams.length = wp.array(s.length, dtype=wp.float32, device="cpu")
+    for name in ("start", "end"):
+        setattr(beams, name, wp.array(s.normals(name), dtype=wp.vec3, device="cpu"))
     beams.medium = wp.array(s.medium, dtype=wp.int32, device="cpu")
     for name in ("red", "green", "blue"):
         setattr(beams, name, wp.zeros(count, dtype=wp.int64, device="cpu"))

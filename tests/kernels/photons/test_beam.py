@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.constants import EXACT_SUM_BITS
 from wdpm.kernels.limits import MAX_VOLUME_PHOTONS
-from wdpm.kernels.photons.beam import sum_unit
+from wdpm.kernels.photons.beam import LEAST_INSIDE, sum_unit
 from wdpm.kernels.rays import cells
 from wdpm.scenes.errors import SettingsError
 
@@ -241,5 +241,5 @@ def test_units_that_cannot_be(flux: float, radius: float, g: float) -> None:
 def test_the_unit_leaves_room_for_the_largest_contribution_and_no_more() -> None:
     for flux, radius, g in ((1.0, 0.1, 0.0), (3e7, 2.0, -0.95), (1e-20, 1e-3, 0.5)):
         peak = (1 - g * g) / (4 * np.pi * (1 - abs(g)) ** 3)
-        largest = flux * peak * 3 / (np.pi * radius**2)
+        largest = flux * peak * 3 / (np.pi * radius**2) / LEAST_INSIDE
         assert 1 < 2.0**40 * sum_unit(flux, radius, g) / largest <= 4
