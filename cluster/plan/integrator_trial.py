@@ -35,6 +35,7 @@ from wdpm.cluster.plan.trial.caustic_share import caustic_grain, caustic_share
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.looks import Looks, look
 from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
+from wdpm.cluster.plan.trial.shadow_rays import shadow_rays
 from wdpm.cluster.plan.trial.ways import PATCHES, Way, words_for
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -80,6 +81,7 @@ class IntegratorChoice:
         noise: squared error of a sample of each pixel of the trial, with what was chosen, shape [height, width].
         indirect: where indirect light comes from by photons, in words.
         caustic_share: 1 of so many samples of a pixel asks the caustic map.
+        shadow_rays: how many of a camera sample are worth it, if nobody said; 0 by path tracing: as ever.
     """
 
     settings: RenderSettings
@@ -89,6 +91,7 @@ class IntegratorChoice:
     noise: Values
     indirect: tuple[str, ...] = ()
     caustic_share: int = 1
+    shadow_rays: int = 0
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -140,20 +143,25 @@ def _by_trial(
     """What a trial finds to be best."""
     plans = map_plans(pilot, photons, flat)
     best, indirect = _best_by_photons(flat, plans, trial, photons)
+    spp = photons.samples_of_pass
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
-        noises = trial.noises_by(best.settings)
-        return IntegratorChoice(
-            best.settings, words + best.fewer, pilot, learnt, noises, (indirect,), best.caustic_share
-        )
-    spp = photons.samples_of_pass
-    of_paths = _by_paths(trial, Prices(flat, plans, spp), spp)
-    words = words_for(of_paths, best.way)
-    if of_paths.is_better_than(best.way):
-        chosen = trial.by_paths.settings
-        return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
-    noises = trial.noises_by(best.settings)
-    return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, (indirect,), best.caustic_share)
+    else:
+        of_paths = _by_paths(trial, Prices(flat, plans, spp), spp)
+        words = words_for(of_paths, best.way)
+        if of_paths.is_better_than(best.way):
+            chosen = trial.by_paths.settings
+            return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
+    return IntegratorChoice(
+        best.settings,
+        words + best.fewer,
+        pilot,
+        learnt,
+        trial.noises_by(best.settings),
+        (indirect,),
+        best.caustic_share,
+        best.shadow_rays,
+    )
 
 
 def _surely_by_paths(flat: FlatScene, looks: Looks, photons: RenderSettings) -> tuple[RenderSettings, str] | None:
@@ -182,13 +190,14 @@ class _ByPhotons:
     Attributes:
         settings: with as many photons as are worth it.
         fewer: in words, where these are fewer than by default.
-        caustic_share: 1 of so many samples of a pixel asks the caustic map.
+        caustic_share, shadow_rays: as in IntegratorChoice.
     """
 
     settings: RenderSettings
     way: Way
     fewer: str
     caustic_share: int
+    shadow_rays: int
 
 
 def _by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> _ByPhotons:
@@ -199,7 +208,9 @@ def _by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderS
     share = caustic_share(prices, fewer, trial, settings)
     grain = (trial.noise_by(settings) + share * trial.caustic_grain) / spp
     way = Way(grain + left, prices.of_photons(trial, settings, share), of_maps=left)
-    return _ByPhotons(settings, way, words, share)
+    by_samples = trial.by_photons.noise / spp / way.error if way.error else 0.0
+    rays = shadow_rays(prices, trial, settings, by_samples, way.price)
+    return _ByPhotons(settings, way, words, share, rays)
 
 
 def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> tuple[_ByPhotons, str]:

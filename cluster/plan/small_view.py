@@ -120,6 +120,7 @@ class Figures:
         vertices: of a sample, beyond the first.
         light_samples: shadow rays of a sample at the first one.
         indirect: the mean square of indirect light, as relMSE is weighted; of photons, without their maps, 0.
+        of_direct: the part of the noise that direct light makes.
     """
 
     settings: RenderSettings
@@ -128,6 +129,7 @@ class Figures:
     vertices: float
     light_samples: int
     indirect: float
+    of_direct: float = 0.0
 
 
 class Halves:
@@ -165,10 +167,12 @@ class Halves:
         """What they tell, with that weight of each pixel's squared error."""
         a, b = self.layers
         indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
-        noise, of_indirect = (_mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect"))
+        noise, of_indirect, of_direct = (
+            _mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect", "direct")
+        )
         settings = replace(self._settings, light_samples=self.light_samples)
-        of_indirect = min(of_indirect, noise)
-        return Figures(settings, noise, of_indirect, self._vertices, self.light_samples, max(float(indirect), 0.0))
+        of_indirect, indirect = min(of_indirect, noise), max(float(indirect), 0.0)
+        return Figures(settings, noise, of_indirect, self._vertices, self.light_samples, indirect, of_direct)
 
     def noise(self, weight: Values, layer: str = "beauty") -> Values:
         """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
@@ -205,7 +209,7 @@ def _halves(worker: CellWorker, view: View) -> tuple[list[dict[str, Values]], in
     samples = [range(first, first + view.spp) for first in (0, view.spp)]
     outbox = worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height), samples)
     (rendered,) = (result for result in outbox.results if isinstance(result, BucketRendered))
-    both = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "indirect")}
+    both = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "direct", "indirect")}
     images = [{name: np.split(layer, 2)[half] for name, layer in both.items()} for half in (0, 1)]
     return images, worker.cells[0].vertices
 

@@ -103,7 +103,8 @@ SETTING_OPTIONS = (
         _QUALITY,
         "shadow rays of a camera sample, from the first surface that it sees",
         values.count,
-        default=f"{MOST_SHADOW_RAYS}; 1 with one light that has no extent, and with {', '.join(_ONE_SHADOW_RAY)}",
+        default=f"{MOST_SHADOW_RAYS}, or 8 if a trial finds that better; 1 with one light that has no extent, and with "
+        f"{', '.join(_ONE_SHADOW_RAY)}",
     ),
     SettingOption(
         "passes",

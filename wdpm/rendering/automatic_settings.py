@@ -13,6 +13,7 @@ from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.trial.caustic_share import share_in_words
+from wdpm.cluster.plan.trial.shadow_rays import rays_in_words
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.pixel_filter import is_signed, placed_by
 from wdpm.kernels.features import Features
@@ -77,6 +78,9 @@ def choose_settings(
     share = 1 if signed else choice.caustic_share  # weights are balanced over all samples
     if choice.settings.algorithm.shoots_photons:
         words += (*choice.indirect, *share_in_words(share))
+        if settings.light_samples is None:
+            chosen = replace(chosen, light_samples=choice.shadow_rays)
+            words += rays_in_words(choice.shadow_rays)
     return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share)
 
 

@@ -17,6 +17,10 @@ from wdpm.scenes.flat.flatten import FlatScene
 # veach-mis and uplight-room (128 x 128, 16 samples), within a factor of 1.5; those of photon paths to 16 scenes.
 CAMERA_RAY = 900.0
 SHADOW_RAY = 400.0
+RAY_TO_LAMP = 450.0
+RAY_TO_SKY = 1150.0
+"""One shadow ray more where there are some already, whatever the triangles: to the sky it is picked from two ways.
+Fitted to cbox, sibenik, sponza and bunny, and to envmap and materials, with four and eight of 16 samples."""
 VERTEX = 1200.0
 """A ray that goes on and what it meets, but for its shadow ray."""
 WHOLE_PATHS = 0.7
@@ -69,6 +73,7 @@ class Prices:
         triangles = flat.triangles.total + 2
         self._ray = (1.0 + math.log(triangles) / math.log(PRICED_TRIANGLES)) / 2.0
         self._trees = flat.triangles.held * PLANNED_TRIANGLE
+        self._has_sky = flat.lights.environment_pixels.size > 0
 
     def of_paths(self, way: Figures) -> float:
         """Of a render by path tracing."""
@@ -102,6 +107,10 @@ class Prices:
         else:
             sample += asks * GATHER * settings.k
         return self._trees + shot + records + self._pixels * self._spp * sample
+
+    def of_more_rays(self, more: int) -> float:
+        """Of so many more shadow rays of each camera sample, from the surface that it sees."""
+        return self._pixels * self._spp * more * (RAY_TO_SKY if self._has_sky else RAY_TO_LAMP)
 
     def _rays(self, way: Figures, share: float = 1.0) -> float:
         """Of a sample, of whose camera rays and vertices such a share is taken."""

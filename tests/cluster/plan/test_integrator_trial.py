@@ -83,6 +83,15 @@ def with_bulb(scene: Scene) -> Scene:
     return replace(dark(scene), lights=(PointLight("bulb", (278.0, 400.0, 279.5), (1e5, 1e5, 1e5)),))
 
 
+def test_more_shadow_rays_where_samples_are_few_beside_what_is_done_once() -> None:
+    few, many = (window_room.room(size=(64, 64)), 4), (window_room.room(size=(512, 512)), 64)
+    assert [settled(scene, spp=spp).settings.light_samples for scene, spp in (few, many)] == [8, 4]
+    assert any(line.startswith("shadow rays: 8 of each camera sample") for line in settled(few[0], spp=4).chose)
+    assert not any(line.startswith("shadow rays: ") for line in settled(many[0], spp=64).chose)
+    assert settled(few[0], spp=4, light_samples=4).settings.light_samples == 4, "asked for"
+    assert settled(with_bulb(LARGE), spp=4).settings.light_samples == 1, "all would be alike"
+
+
 def test_light_that_is_mostly_indirect_is_for_photons_and_few_samples_are_not_worth_them() -> None:
     many, few = settled(LARGE), settled(SMALL, spp=2)
     assert many.settings.integrator is Integrator.PHOTONS
