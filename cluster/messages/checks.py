@@ -221,7 +221,7 @@ def _lights(lights: LightTable, where: str) -> None:
     _require(known and not np.any(np.diff(lights.delta_kind) < 0), where, "unknown kinds of lights, or not in order")
     elements = len(lights.corners) + len(lights.delta_kind) + environments
     _require(len(lights.power) == elements, where, f"power of {len(lights.power)} elements; there are {elements}")
-    _require(len(lights.medium) == len(lights.names), where, "a medium for each light was expected")
+    _require(len(lights.medium) == len(lights.power), where, "a medium for each element was expected")
     _indices(lights.light, 0, len(lights.names), f"{where}.light")
     _indices(lights.emitter, 0, len(lights.emitter_radiance), f"{where}.emitter")
     colored = len(lights.colors)

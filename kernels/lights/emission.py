@@ -105,7 +105,7 @@ def make_emission(features: Features) -> wp.Function:
                 emitted = parallel_emission(lights, targets, towards, -found.direction, value, u_target, u_position)
         emitted.element = element
         emitted.light = lights.light[element]
-        emitted.medium = lights.medium[emitted.light]
+        emitted.medium = lights.medium[element]
         if probability > 0.0:
             emitted.flux = emitted.flux / probability
         else:

@@ -60,7 +60,7 @@ class LightTable:
         environment_pixels: as scenes.model.lights.Environment, float32, shape [H, W, 3]; [0, 0, 3] without one.
         environment_axes: rows are the local axes in the world, float32, shape [3, 3].
         scene_radius: of a sphere about the origin that holds all triangles, with RADIUS_MARGIN.
-        medium: that each light's rays start in, -1 for none, int32, shape [lights].
+        medium: that the rays of each element start in, -1 for none, int32, shape [elements].
         power: flux of each element, mean of RGB [W], float64, shape [elements].
         light: which light each element belongs to, int32, shape [elements].
         names: of the lights: glowing meshes, delta lights, environment.
@@ -132,10 +132,11 @@ def tabulate_lights(
         [math.pi * radius**2 * environment_integral(pixels) for _ in environment],
     ]
     inside = _Enclosure(triangles, sides)
-    media = [
-        *(_mesh_medium(mesh, corners[emitter == number], inside) for number, mesh in enumerate(emitters)),
-        *(_medium(light, inside) for light in others),
-    ]
+    of_triangles = np.empty(len(rows), np.int32)
+    for number, mesh in enumerate(emitters):
+        own = np.flatnonzero(emitter == number)
+        of_triangles[own] = _mesh_media(mesh, corners[own], inside)
+    media = np.concatenate([of_triangles, np.array([_medium(light, inside) for light in others], np.int32)])
     delta_rows = [light.row() for light in deltas]
     _check_strengths(deltas, [row.color for row in delta_rows])
     return LightTable(
@@ -156,7 +157,7 @@ def tabulate_lights(
         environment_pixels=pixels,
         environment_axes=_float32(axes_of(environment[0].to_world) if environment else np.eye(3), (3, 3)),
         scene_radius=radius,
-        medium=np.array(media, np.int32),
+        medium=media.astype(np.int32),
         power=np.concatenate([np.asarray(power, np.float64).reshape(-1) for power in powers]),
         light=np.concatenate([emitter, len(emitters) + np.arange(len(others))]).astype(np.int32),
         names=(*(mesh.name for mesh in emitters), *(light.name for light in others)),
@@ -259,6 +260,11 @@ class _Enclosure:
         self._corners = _facing_front(triangles, rows)[0].astype(np.float64)
         self._sides = sides[rows] if sides is not None else np.zeros((0, 2), np.int32)
 
+    @property
+    def empty(self) -> bool:
+        """Whether there is no boundary."""
+        return not len(self._corners)
+
     def medium_at(self, place: NDArray[np.float32]) -> int:
         """The medium at a place, NO_MEDIUM outside of all; Möller & Trumbore's test against every boundary."""
         p0 = self._corners[:, 0]
@@ -279,13 +285,24 @@ class _Enclosure:
         return int(self._sides[nearest, 0 if behind else 1])
 
 
-def _mesh_medium(mesh: Solid, corners: NDArray[np.float32], inside: _Enclosure) -> int:
-    """The medium before a glowing mesh: its own, or what it is in, seen from a point before its first triangle."""
-    if mesh.bounds or mesh.exterior is not None:
-        return NO_MEDIUM if mesh.exterior is None else mesh.exterior
-    if not len(corners):
-        return NO_MEDIUM
-    p = corners[0].astype(np.float64)
+ASKED_OF_A_LAMP = 64
+"""Triangles of a glowing mesh, spread over it, whose medium is looked for; all, where these are not in the same one."""
+
+
+def _mesh_media(mesh: Solid, corners: NDArray[np.float32], inside: _Enclosure) -> NDArray[np.int32]:
+    """The medium before each triangle of a glowing mesh: the mesh's own, or what the triangle's middle is in."""
+    if mesh.bounds or mesh.exterior is not None or inside.empty:
+        return np.full(len(corners), NO_MEDIUM if mesh.exterior is None else mesh.exterior, np.int32)
+    some = range(0, len(corners), max(1, len(corners) // ASKED_OF_A_LAMP))
+    found = [_medium_before(corners[number], inside) for number in some]
+    if len(set(found)) > 1:
+        found = [_medium_before(triangle, inside) for triangle in corners]
+    return np.full(len(corners), found[0] if len(set(found)) == 1 else found, np.int32)
+
+
+def _medium_before(corners: NDArray[np.float32], inside: _Enclosure) -> int:
+    """That at a point before a triangle's middle, as its normal points."""
+    p = corners.astype(np.float64)
     normal = np.cross(p[1] - p[0], p[2] - p[0])
     lift = 1e-4 * math.sqrt(float(np.linalg.norm(normal)))  # of the triangle's size
     return inside.medium_at((p.mean(axis=0) + normal / np.linalg.norm(normal) * lift).astype(np.float32))

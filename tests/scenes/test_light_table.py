@@ -57,7 +57,7 @@ def test_lights_are_in_the_order_of_their_kinds() -> None:
     assert found.names == ("a", "b", "point", "spot", "sun", "sky")
     np.testing.assert_array_equal(found.prim, [0, 2, 3])
     np.testing.assert_array_equal(found.light, [1, 0, 1, 2, 3, 4, 5])
-    np.testing.assert_array_equal(found.medium, [-1, -1, 0, -1, -1, -1])
+    np.testing.assert_array_equal(found.medium, [-1, -1, -1, 0, -1, -1, -1])
     kinds = [light.KIND.number for light in (PointLight, SpotLight, DirectionalLight)]
     np.testing.assert_array_equal(found.delta_kind, kinds)
     assert found.near == 2
@@ -144,7 +144,12 @@ def test_the_medium_around_a_light_is_that_of_the_box_that_it_is_in(outwards: bo
     ]
     found = table(triangles, [mesh("lamp")], lights, sides=sides)
     inside, outside = 3, 1
-    np.testing.assert_array_equal(found.medium, [inside, inside, NO_MEDIUM, outside, 7])
+    np.testing.assert_array_equal(found.medium, [inside, inside, inside, NO_MEDIUM, outside, 7])
+    half_out = np.concatenate(
+        [corners[:-1], corners[-1:] + (5, 0, 0)]
+    )  # it comes out of the box, away from the ray's way
+    apart = table(soup(half_out, [-1] * 24 + [0, 0]), [mesh("lamp")], sides=sides)
+    np.testing.assert_array_equal(apart.medium, [inside, NO_MEDIUM])
     bounding = replace(mesh("lamp"), bounds=True, exterior=5)
     assert table(triangles, [bounding], sides=sides).medium[0] == 5
     assert table(triangles, [mesh("lamp")]).medium[0] == NO_MEDIUM
