@@ -145,9 +145,8 @@ def test_the_medium_around_a_light_is_that_of_the_box_that_it_is_in(outwards: bo
     found = table(triangles, [mesh("lamp")], lights, sides=sides)
     inside, outside = 3, 1
     np.testing.assert_array_equal(found.medium, [inside, inside, inside, NO_MEDIUM, outside, 7])
-    half_out = np.concatenate(
-        [corners[:-1], corners[-1:] + (5, 0, 0)]
-    )  # it comes out of the box, away from the ray's way
+    aside = corners[-1:] + np.float32([5, 0, 0])  # out of the box
+    half_out = np.concatenate([corners[:-1], aside])
     apart = table(soup(half_out, [-1] * 24 + [0, 0]), [mesh("lamp")], sides=sides)
     np.testing.assert_array_equal(apart.medium, [inside, NO_MEDIUM])
     bounding = replace(mesh("lamp"), bounds=True, exterior=5)
