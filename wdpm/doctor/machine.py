@@ -81,7 +81,7 @@ def processes() -> Fact:
     """How all cores are used."""
     if sys.platform == "linux":
         together = (
-            "which fork each other" if can_fork_siblings() else "one after another, as clone3 is not allowed here"
+            "which fork each other" if can_fork_siblings() else "one after another, as the system has no call for more,"
         )
         return Fact("processes", f"tasks go to processes forked from one, {together} and share its memory")
     return Fact("processes", "no fork that is safe here: threads share launches; --slaves starts processes", State.NOTE)

@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import errno
 import os
+import platform
 import signal
 import socket
 import subprocess
@@ -25,6 +26,7 @@ pytestmark = [
     pytest.mark.processes,
     pytest.mark.skipif(not can_fork("cpu"), reason="processes are forked on Linux alone"),
 ]
+OLDER = pytest.mark.skipif(platform.machine() not in sibling._CLONE, reason="its arguments are not known here")
 BY_SIBLINGS = pytest.mark.skipif(not can_fork_siblings(), reason="clone3 is not allowed here")
 
 
@@ -48,9 +50,13 @@ def without_siblings(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 16])
-@pytest.mark.parametrize("siblings", [pytest.param(True, marks=BY_SIBLINGS), False])
-def test_all_are_children_of_the_first(count: int, siblings: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    if not siblings:
+@pytest.mark.parametrize(
+    "call", [pytest.param("clone3", marks=BY_SIBLINGS), pytest.param("clone", marks=OLDER), "fork"]
+)
+def test_all_are_children_of_the_first(count: int, call: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if call == "clone":
+        monkeypatch.setattr(sibling, "_allows_clone3", lambda: False)
+    elif call == "fork":
         without_siblings(monkeypatch)
     forked = fork_tree(count, tell)
     said = [each.stream.recv(100).decode() for each in forked]
@@ -149,7 +155,11 @@ def test_whether_a_system_allows_it_is_asked(
         return answer
 
     monkeypatch.setattr(sibling, "_system_call", call)
+    monkeypatch.setattr(sibling, "_allows_clone3", sibling._allows_clone3.__wrapped__)
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")  # where the older call is not known
     assert can_fork_siblings.__wrapped__() is may
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    assert can_fork_siblings.__wrapped__()
 
 
 def test_a_kernel_that_does_not_tell_where_numbers_of_threads_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,9 +191,12 @@ print([os.waitstatus_to_exitcode(os.waitpid(each.pid, 0)[1]) for each in forked]
 """
 
 
+@pytest.mark.parametrize("older", [False, pytest.param(True, marks=OLDER)])
 @pytest.mark.parametrize("on_a_thread", [False, True])
-def test_python_and_the_c_library_are_in_order_there(on_a_thread: bool, tmp_path: Path) -> None:
+def test_python_and_the_c_library_are_in_order_there(on_a_thread: bool, older: bool, tmp_path: Path) -> None:
     code = PYTHON_IN_A_SIBLING
+    if older:
+        code = f"from wdpm.cluster.work.processes import sibling\nsibling._allows_clone3 = lambda: False\n{code}"
     if on_a_thread:
         code = f"import threading\nthread = threading.Thread(target=lambda: exec({code!r}, {{}}))\nthread.start()\n"
         code += "thread.join()"
