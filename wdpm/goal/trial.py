@@ -136,7 +136,14 @@ def try_out(
     first, cost = timed(IMAGE_PLANS[0])
     known |= {"pass_cost": 0.0, "pass_noise": 0.0, "sample_noise": 0.0, "bias": 0.0}
     if seconds_left() < (PASSES - 1) * cost:
-        return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, measured=False, **known)
+        known["pass_cost"] = cost * (1.0 - _share_of(first, "render"))
+        return Trial(
+            sample_cost=cost - known["pass_cost"],
+            record_cost=cost * _share_of(first, "records"),
+            results={IMAGE_PLANS[0]: first},
+            measured=False,
+            **known,
+        )
     if reference is None and is_worth_a_look(_beauty(first), estimator.metric, mean_square):
         one = look(first, IMAGE_PLANS[1], renderer.render, estimator.metric, settings.algorithm.biased)
         if one is not None and one.total.high <= mean_square:

@@ -13,10 +13,11 @@ from typing import Any
 
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.goal.by_default import choose_by_default, is_matt
 from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
-from wdpm.goal.schedule import FACTORS, Schedule, nearest, schedule_of, soonest, with_photons
+from wdpm.goal.schedule import FACTORS, Schedule, nearest, plain, schedule_of, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
@@ -97,6 +98,7 @@ class TrialPilot:
     trials: list[Trial] = field(default_factory=list)
     seconds: float = 0.0
     compile_seconds: float = 0.0
+    _by_default: bool = False  # chosen as by a render that is asked for nothing
     _ready: PassRenderer | None = None  # of the last trial, as is the next
     _estimator: ConvergenceEstimator | None = None
 
@@ -136,6 +138,8 @@ class TrialPilot:
         if reaching is not None and reaching.seconds <= seconds_left:
             return reaching, True
         if math.isfinite(seconds_left):
+            if self._by_default:
+                return plain(last, seconds_left), goal.error is None
             return nearest(candidates, seconds_left), goal.error is None
         # What the noise of a trial hides may be no bias at all, and more photons would not lessen it: passes tell.
         hopeful = None if goal.error is None else soonest(candidates, goal.mean_square, likely=True)
@@ -155,14 +159,14 @@ class TrialPilot:
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
         until = seconds_left() - allowed if math.isfinite(allowed) else 0.0
-        self._settle()
-        if self._wants_a_reference(goal, seconds_left()):
+        self._settle(goal, seconds_left)
+        if not self._by_default and self._wants_a_reference(goal, seconds_left()):
             wanted = REFERENCE_SHARE * goal.mean_square
             self.reference = make_reference_pair(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
             )
         self._try(self._first(), goal, lambda: seconds_left() - until)
-        for _ in range(MOST_TRIALS - 1):
+        for _ in range(0 if self._by_default else MOST_TRIALS - 1):
             schedule, reached = self.best(goal, seconds_left())
             following = self._next(schedule, reached, goal, seconds_left(), seconds_left() - until)
             if following is None:
@@ -181,11 +185,16 @@ class TrialPilot:
             return False
         return by_photons and whole and seconds_left > LONG_S
 
-    def _settle(self) -> None:
-        """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""
+    def _settle(self, goal: Goal, seconds_left: Callable[[], float]) -> None:
+        """Have a trial of its own decide which integrator it is, where that is open, for a render by default.
+
+        Where a time alone is asked for, and all surfaces are matt, it is rendered as by default: see by_default.
+        """
         if not self.settings.algorithm.stands_for_others:
             return
         if "integrator" not in self.fixed:
+            if goal.error is None and is_matt(self.scene) and self._choose_by_default(seconds_left):
+                return
             # Where nobody said, the search is among the ways to map photons: what they take and leave is known to it.
             self.settings = replace(self.settings, integrator=Integrator.PHOTONS)
             return
@@ -195,9 +204,21 @@ class TrialPilot:
         found = prepared.settings
         self.settings = replace(self.settings, integrator=found.integrator, light_samples=found.light_samples)
 
+    def _choose_by_default(self, seconds_left: Callable[[], float]) -> bool:
+        """Have all be as a render by default chooses it, if there is time; whether it is."""
+        found = choose_by_default(
+            lambda settings: self.work.renderer(self.scene, settings), self.settings, seconds_left
+        )
+        self.compile_seconds += found.compile_seconds
+        if found.settings is None:
+            return False
+        self.work.progress.note(found.why)
+        self.settings, self._by_default = found.settings, True
+        return True
+
     def _first(self) -> RenderSettings:
         algorithm = self.settings.algorithm
-        if not algorithm.shoots_photons:
+        if not algorithm.shoots_photons or self._by_default:
             return self.settings  # as they were given: a warning names what has no effect
         settings = replace(self.settings, indirect=algorithm.kinds_to_try(self.settings)[0])
         if PHOTON_FIELDS & self.fixed:
