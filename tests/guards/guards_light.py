@@ -89,7 +89,7 @@ GUARDS = (
     ),
     Guard(
         name="light from the side where both normals agree",
-        file="kernels/camera/surface_light.py",
+        file="kernels/camera/picked_light.py",
         prevents="direct light leaks through walls with interpolated normals; "
         "what lets light through is asked by its shading normal alone",
         changes=(("reflects = side > 0.0 and w_to[2] * seen_from > 0.0", "reflects = w_to[2] * seen_from > 0.0"),),
