@@ -49,13 +49,19 @@ def has_module(folder: Path) -> bool:
     return len(modules_in(folder)) > len(half_made(folder))
 
 
-@pytest.fixture(autouse=True)
-def nothing_left() -> Iterator[None]:
-    yield
+def end_what_is_left() -> None:
     for process in kernels_beside._left:
         process.kill()
         process.wait()
     kernels_beside._left.clear()
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    """Neither by renders of tests before, nor by these."""
+    end_what_is_left()
+    yield
+    end_what_is_left()
 
 
 def test_it_compiles_until_it_is_stopped_and_leaves_nothing_half_made(empty_cache: Path) -> None:
