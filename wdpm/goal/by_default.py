@@ -1,8 +1,8 @@
 """What a render by default chooses, for a time that is to be spent as it would be.
 
 Where all is matt, light between surfaces comes by irradiance records. Passes of one sample make their own of few rays
-each; a few passes of many samples have far less noise after the same time. Where something mirrors or refracts, passes
-of one sample with few photons came out better.
+each; a few passes of many samples have far less noise after the same time. Where something mirrors or refracts, neither
+is always better, and nothing here tells which: docs/accuracy.md has figures.
 """
 
 from __future__ import annotations
