@@ -53,6 +53,7 @@ class RenderSettings:
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
         passes: renders of the same scene, each with its own photons, a share of the samples, and a smaller gather
             radius than the one before; the image is their mean. Numbers of photons are those of each pass.
+        pass_samples: of a pixel in each of the passes; spp is their sum. Empty where it is spread evenly.
         adaptive: from the third pass on, more samples where the passes before show more error, and fewer elsewhere;
             spp stays the average.
         seed: of all random numbers.
@@ -83,6 +84,7 @@ class RenderSettings:
     light_samples: int | None = None
     max_depth: int | None = None
     passes: int = 1
+    pass_samples: tuple[int, ...] = ()
     adaptive: bool = False
     seed: int = 0
     bucket: int | None = None
@@ -110,8 +112,8 @@ class RenderSettings:
 
     @property
     def samples_of_pass(self) -> int:
-        """Samples a pixel of one pass: they decide what is worth while, and what goes on with more passes as before."""
-        return -(-self.spp // self.passes)
+        """Samples a pixel of the first pass: they decide what is worth while, also where more passes come later."""
+        return self.pass_samples[0] if self.pass_samples else -(-self.spp // self.passes)
 
     @property
     def final_gathers(self) -> bool:
@@ -132,6 +134,7 @@ class RenderSettings:
                 raise SettingsError(f"{name} is {value}; expected at most {MAX_K}: use more photons, not a larger k")
         _at_least("spp", self.spp, 1)
         _at_least("passes", self.passes, 1)
+        self._check_pass_samples()
         for name in ("bucket", "light_samples"):
             if getattr(self, name) is not None:
                 _at_least(name, getattr(self, name), 1)
@@ -167,6 +170,16 @@ class RenderSettings:
                 "use --inexact to accept that, or leave --band out"
             )
 
+    def _check_pass_samples(self) -> None:
+        samples, even = self.pass_samples, (len(self.pass_samples), sum(self.pass_samples))
+        for each in samples:
+            _at_least("one of pass_samples", each, 1)
+        if samples and even != (self.passes, self.spp):
+            raise SettingsError(
+                f"pass_samples are {even[1]} in {even[0]} passes, but spp is {self.spp} and passes is {self.passes}; "
+                f"give spp {even[1]} and passes {even[0]}"
+            )
+
     def _make_plain(self) -> None:
         """Numbers of numpy become Python's: settings go into reports and over the wire."""
         whole = (
@@ -189,6 +202,7 @@ class RenderSettings:
         for name in ("radius", "caustic_radius", "volume_radius"):
             if getattr(self, name) is not None:
                 self._set_plain(name, _number, "a number")
+        self._set_plain("pass_samples", _whole_numbers, "whole numbers, as (1, 9, 7)")
         self._set_plain("without", _names, f"names of effects, some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
 
     def _set_plain(self, name: str, made: Callable[[Any], object], expected: str) -> None:
@@ -228,6 +242,10 @@ def _truth(value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise TypeError
     return bool(value)
+
+
+def _whole_numbers(value: Any) -> tuple[int, ...]:
+    return tuple(map(operator.index, value))
 
 
 def _names(value: Any) -> tuple[str, ...]:

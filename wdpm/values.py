@@ -181,6 +181,11 @@ def positive_count(text: str) -> int:
     return number
 
 
+def counts(text: str) -> tuple[int, ...]:
+    """Counts of at least 1, separated by commas."""
+    return tuple(positive_count(each.strip()) for each in text.split(","))
+
+
 def length(text: str) -> float:
     """A number; its range is for the settings to check."""
     try:

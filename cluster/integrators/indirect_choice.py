@@ -42,7 +42,7 @@ def _choice(flat: FlatScene, settings: IntegratorSettings, wanted: bool) -> tupl
         return Indirect.MAP, None
     if calls_for_media(flat):
         return Indirect.MAP, "the scene has media"
-    samples = flat.camera.width * flat.camera.height * settings.spp // settings.passes
+    samples = flat.camera.width * flat.camera.height * settings.samples_of_pass
     if samples < SAMPLES_TO_REPAY:
         return Indirect.MAP, f"{samples:,} samples are too few to repay gathering (from {SAMPLES_TO_REPAY:,} on)"
     share = _lambertian_share(flat)

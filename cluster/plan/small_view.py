@@ -158,7 +158,7 @@ class Halves:
         self._settings = settings
         self._noise_left = noise_left
         self._half = samples // 2
-        view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
+        view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1, pass_samples=()), 1), learnt)
         self.layers, vertices = _halves(worker, replace(view, spp=self._half))
         self._vertices = vertices / (samples * view.camera.width * view.camera.height)
         self.light_samples = view.light_samples

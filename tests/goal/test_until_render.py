@@ -21,12 +21,13 @@ from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.convergence import MOST_BIAS, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal, Metric
-from wdpm.goal.outcome import Ending, outcome_of
+from wdpm.goal.outcome import Ending, Found, Times, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
 from wdpm.goal.render import Interrupted, promise, render_until
 from wdpm.goal.schedule import Schedule, schedule_of
 from wdpm.goal.trial import IMAGE_PLANS, MARGIN, UNKNOWN_SHARE, Trial, try_out
-from wdpm.goal.trial_pilot import LONG_S, TrialPilot, Workplace
+from wdpm.goal.trial_pilot import LONG_S, TrialPilot
+from wdpm.goal.workplace import Workplace
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
@@ -42,6 +43,7 @@ from wdpm.scenes.model.scene import Scene
 SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
 FEW = {"photons": 20_000, "caustic_photons": 0, "volume_photons": 0}
 FEW_OPTIONS = ["--photons", "20000"]
+TIMES = Times(1.0, 1.0, 1.0, 0.0)
 FINE = 0.0001
 """An error that no schedule reaches in four passes: each has 64 samples at most, and times of a busy machine may choose
 as many."""
@@ -103,7 +105,7 @@ def test_the_image_is_within_the_error(
     clock = Costs(photons, 0.02, monkeypatch)
     image = render_until(scene, Goal(0.02), InProcess(threads=2), clock=clock, seed=2, **FEW)
     monkeypatch.undo()
-    if (image.metadata["asked"]["samples"] > 1) != several:
+    if (max(image.metadata["asked"]["pass_samples"]) > 1) != several:
         pytest.fail("another schedule was chosen than the one that this is about")
     assert compare(image, truth).rel_mse <= 0.02
     assert image.metadata["settings"]["photons"] == 20_000  # what was given is kept
@@ -147,7 +149,7 @@ def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: p
         pytest.param(Goal(0.01), (), True, id="a small error"),
         pytest.param(Goal(0.05, Metric.RMSE), (), True, id="an error with a unit"),
         pytest.param(Goal(0.01, seconds=30.0), (), False, id="too short a time"),
-        pytest.param(Goal(seconds=300.0), (), True, id="a long time"),
+        pytest.param(Goal(0.01, seconds=300.0), (), True, id="a long time"),
     ],
 )
 def test_bias_is_measured_where_it_may_matter(goal: Goal, fixed: tuple[str, ...], wanted: bool, scene: Scene) -> None:
@@ -194,7 +196,7 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
     assert asked["ending"] == "out of time"
     assert not asked["reached"]
     told = json.loads(report.read_text())
-    assert told["settings"]["passes"] == asked["passes"]
+    assert told["settings"]["passes"] == len(asked["pass_samples"])
     assert told["asked"] == asked
 
 
@@ -209,22 +211,13 @@ def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeyp
     assert any("NOT REACHED" in line for line in asked["lines"])
 
 
-def test_a_time_alone_gives_an_image(scene: Scene) -> None:
-    image = wdpm.render(scene, time_budget=2.0, threads=2, **FEW)
-    asked = image.metadata["asked"]
-    assert asked["reached"]
-    assert asked["passes"] == image.metadata["settings"]["passes"] >= 1
-
-
 def test_what_is_not_reached_says_what_would_help() -> None:
     """Noise calls for samples, bias for photons; and time may just be up."""
-    trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
-    schedule = Schedule(trial.settings, trial, 1.0, 0.1, 0.1)
-    times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
 
     def said(noise: float, bias: float, ending: Ending) -> str:
         parts = [ErrorFigure(value, value, value) for value in (noise, bias, noise + bias)]
-        return outcome_of(Goal(0.01), schedule, Estimate(*parts), 4, times, ending).lines()[-1]
+        found = Found(Estimate(*parts), (1, 1, 1, 1), ending, "photons")
+        return outcome_of(Goal(0.01), found, TIMES).lines()[-1]
 
     assert "mostly noise: some 9 times the samples" in said(0.085, 0.001, Ending.DONE)
     assert "mostly bias" in said(0.001, 0.085, Ending.DONE)
@@ -234,12 +227,10 @@ def test_what_is_not_reached_says_what_would_help() -> None:
 
 def test_a_dark_picture_says_that_its_figure_tells_little() -> None:
     """relMSE adds 0.01 to squares: a picture of a hundredth of the radiance meets almost any goal, by noise alone."""
-    trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
-    schedule = Schedule(trial.settings, trial, 1.0, 0.1, 0.1)
-    times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
 
     def said(goal: Goal, stops: float) -> str:
-        return "\n".join(outcome_of(goal, schedule, None, 4, times, Ending.DONE, stops).lines())
+        found = Found(None, (1, 1, 1, 1), Ending.DONE, "photons")
+        return "\n".join(outcome_of(goal, found, TIMES, stops).lines())
 
     assert "5.0 stops too dark" in said(Goal(0.02), 5.0)
     assert "what 0.02 is in a picture as bright as others, 2e-05 is here" in said(Goal(0.02), 5.0)
@@ -310,7 +301,7 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyP
     image = caught.value.image
     asked = image.metadata["asked"]
     assert asked["ending"] == "interrupted"
-    assert asked["passes"] == 3
+    assert asked["pass_samples"] == (image.metadata["settings"]["spp"] // 3,) * 3
     ctrl_c.undo()
     settings = image.metadata["settings"]
     assert settings["adaptive"] is False
@@ -323,7 +314,7 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyP
 def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "asked.exr"
     assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 130
-    assert load_image(file).metadata["asked"]["passes"] == 3
+    assert load_image(file).metadata["settings"]["passes"] == 3
     said = capsys.readouterr()
     assert "INTERRUPTED: the image is the best so far" in said.out
     assert "interrupted" in said.err
@@ -343,7 +334,7 @@ def test_a_lost_cluster_hands_over_the_image_so_far(
     file = tmp_path / "asked.exr"
     assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 1
     asked = load_image(file).metadata["asked"]
-    assert (asked["ending"], asked["passes"]) == ("slaves lost", 3)
+    assert (asked["ending"], len(asked["pass_samples"])) == ("slaves lost", 3)
     said = capsys.readouterr()
     assert "SLAVES LOST: the image is the best so far" in said.out
     assert said.err.endswith("wdpm: error: slave 0 is lost; no slave is left\n")
@@ -384,11 +375,11 @@ def test_a_pilot_takes_a_tenth_of_a_time_but_for_its_first_pass(
     costs = Costs(0.5, 0.5, monkeypatch)
     work = Workplace(InProcess(threads=2), SilentProgress(), costs)
     pilot = TrialPilot(scene, RenderSettings(indirect=Indirect.MAP), frozenset({"indirect"}), work)
-    pilot.run(Goal(seconds=budget), lambda: budget - costs.now)
+    goal = Goal(0.03, seconds=budget)
+    pilot.run(goal, lambda: budget - costs.now)
     assert [trial.measured for trial in pilot.trials] == [measured] * len(pilot.trials)
     assert costs.now <= 0.1 * budget + 1.0
-    schedule, reached = pilot.best(Goal(seconds=budget), budget - costs.now)
-    assert reached
+    schedule, _ = pilot.best(goal, budget - costs.now)
     assert math.isnan(schedule.error) != measured
 
 

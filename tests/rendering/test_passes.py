@@ -19,7 +19,7 @@ from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering import pass_journal
 from wdpm.rendering import passes as module
 from wdpm.rendering.in_process import InProcess
-from wdpm.rendering.pass_plan import photon_plan, session_of, smaller_k
+from wdpm.rendering.pass_plan import photon_plan, plans_for, samples_of, session_of, smaller_k
 from wdpm.rendering.passes import PassAverage, PassPlan, PassRenderer, shrink, spread_samples
 from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.report.report import from_dict
@@ -63,6 +63,37 @@ def stop_after(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
 def test_samples_are_spread_over_passes_without_a_gap() -> None:
     assert spread_samples(7, 3) == (PassPlan(0, 0, 3), PassPlan(1, 3, 2), PassPlan(2, 5, 2))
     assert spread_samples(4, 1) == (PassPlan(0, 0, 4),)
+
+
+def test_samples_of_each_pass_may_be_given(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    uneven = replace(FEW, spp=7, passes=3, pass_samples=(1, 4, 2))
+    assert plans_for(uneven) == (PassPlan(0, 0, 1), PassPlan(1, 1, 4), PassPlan(2, 5, 2))
+    assert plans_for(uneven, plans_for(uneven)[:2]) == plans_for(uneven)
+    assert samples_of((1, 4, 2)) == {"spp": 7, "passes": 3, "pass_samples": (1, 4, 2)}
+    assert samples_of((3, 2, 2)) == {"spp": 7, "passes": 3, "pass_samples": ()}
+    whole = render(scene, uneven)
+    assert [each["spp"] for each in whole.metadata["report"]["passes"]] == [1, 4, 2]
+    assert whole.metadata["settings"]["pass_samples"] == (1, 4, 2)
+    journal = tmp_path / "passes"
+    with monkeypatch.context() as patch:
+        stop_after(patch, 2)
+        with pytest.raises(Stopped):
+            render(scene, uneven, journal=journal)
+    assert render(scene, uneven, threads=1, journal=journal, resume=True).digest() == whole.digest()
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ({"pass_samples": (1, 9, 7)}, "pass_samples are 17 in 3 passes, but spp is 16 and passes is 1; give spp 17"),
+        ({"pass_samples": (0, 16), "passes": 2}, "one of pass_samples is 0"),
+        ({"pass_samples": "1,15", "passes": 2}, "pass_samples is '1,15'; expected whole numbers"),
+        ({"pass_samples": 16}, "pass_samples is 16; expected whole numbers"),
+    ],
+)
+def test_samples_of_passes_add_up(chosen: dict[str, Any], said: str) -> None:
+    with pytest.raises(SettingsError, match=said):
+        RenderSettings(**chosen)
 
 
 def test_the_radius_shrinks_as_in_the_paper() -> None:

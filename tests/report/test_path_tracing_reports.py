@@ -31,6 +31,7 @@ FOR_PATHS = {
     "light_samples",
     "max_depth",
     "passes",
+    "pass_samples",
     "adaptive",
     "seed",
     "bucket",

@@ -227,4 +227,4 @@ def _scaled(base: int, factors: Sequence[float], most: int | None = None) -> lis
 def _cheaper(settings: RenderSettings, maps: Sequence[str]) -> RenderSettings:
     spp = max(settings.spp // 2, 1)
     fewer: dict[str, Any] = {photons_of(kind): max(getattr(settings, photons_of(kind)) // 2, 1) for kind in maps}
-    return replace(settings, spp=spp, passes=min(settings.passes, spp), **fewer)
+    return replace(settings, spp=spp, passes=min(settings.passes, spp), pass_samples=(), **fewer)

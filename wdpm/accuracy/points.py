@@ -164,5 +164,5 @@ def _option(name: str, value: Any) -> list[str]:
     if isinstance(value, Enum):
         return [option, str(value.value)]
     if isinstance(value, tuple):
-        return [option, ",".join(value)]
+        return [option, ",".join(map(str, value))]
     return [option, f"{value}"]

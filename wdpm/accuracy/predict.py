@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import NAMES
 from wdpm.goal.schedule import Schedule
-from wdpm.goal.trial_pilot import TrialPilot, Workplace
+from wdpm.goal.trial_pilot import TrialPilot
+from wdpm.goal.workplace import Workplace
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.model.scene import Scene

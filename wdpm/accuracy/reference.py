@@ -160,7 +160,7 @@ def traced_settings(settings: RenderSettings) -> RenderSettings:
     It shows the light of photon maps that are left out, as it must: to leave it out is bias of the renders.
     """
     without = tuple(effect for effect in settings.without if effect not in REFERENCE.algorithm.cannot_leave_out)
-    return replace(settings, integrator=REFERENCE, without=without, passes=1, band=1.0, inexact=False)
+    return replace(settings, integrator=REFERENCE, without=without, passes=1, pass_samples=(), band=1.0, inexact=False)
 
 
 def _path(settings: RenderSettings, spp: int, name: str) -> RenderSettings:

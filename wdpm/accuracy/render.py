@@ -115,6 +115,7 @@ def _tiny(settings: RenderSettings, seed: int) -> RenderSettings:
         seed=seed,
         spp=1,
         passes=1,
+        pass_samples=(),
         photons=min(settings.photons, TINY_PHOTONS),
         caustic_photons=min(settings.caustic_photons, TINY_PHOTONS),
         volume_photons=min(settings.volume_photons, TINY_PHOTONS),

@@ -291,4 +291,4 @@ def _write(folder: Path, found: Accuracy, reference: Reference) -> None:
 
 def _small(settings: RenderSettings) -> RenderSettings:
     """A trial: large enough to take the time of."""
-    return replace(settings, spp=max(settings.spp // 8, 1), passes=1, band=1.0, inexact=False)
+    return replace(settings, spp=max(settings.spp // 8, 1), passes=1, pass_samples=(), band=1.0, inexact=False)

@@ -197,7 +197,8 @@ def warm_render(scene: Scene, settings: RenderSettings, backend: Backend) -> Non
     # What so small a render leaves open it would choose differently, and so load other kernels. Another limit of
     # depth makes another scene of it for the cluster, so that nothing is left for the measured render.
     chosen = backend.prepare(scene, settings, SilentProgress()).settings
-    warm = replace(chosen, photons=WARM_PHOTONS, spp=1, passes=1, max_depth=(settings.max_depth or 63) + 1)
+    warm = replace(chosen, photons=WARM_PHOTONS, spp=1, passes=1, pass_samples=())
+    warm = replace(warm, max_depth=(settings.max_depth or 63) + 1)
     render_in_passes(small, backend, warm)
 
 

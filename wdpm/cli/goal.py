@@ -6,7 +6,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import asdict, fields
 from enum import Enum
 from typing import Any
 
@@ -91,12 +91,25 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     if not args.quiet:
         for line in outcome["lines"]:
             print(line)
-        print(f"to repeat it to the bit: {command(args, settings)}")
+        again = settings if goal.error is not None else asked_again(chosen, settings)
+        print(f"to repeat it to the bit: {command(args, again)}")
     elif not outcome["reached"]:
         print(f"wdpm: {outcome['lines'][-1]}", file=sys.stderr)
     for error in stopped:
         raise error or KeyboardInterrupt
     return code if outcome["reached"] else EXIT_NOT_REACHED
+
+
+def asked_again(chosen: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings of an image, but open what was chosen as by default: for the same samples it is chosen again.
+
+    Args:
+        chosen: settings that were given, by name.
+        settings: of the image, as its metadata has them.
+    """
+    plain = asdict(RenderSettings(**chosen))
+    plain = {name: value.value if isinstance(value, Enum) else value for name, value in plain.items()}
+    return settings | plain | {name: settings[name] for name in ("spp", "passes", "pass_samples", "max_depth")}
 
 
 def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
@@ -119,7 +132,7 @@ def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
         if option.parse is None:
             words += [flag] if value else []
         elif isinstance(value, list | tuple):
-            words += [flag, ",".join(value)] if value else []
+            words += [flag, ",".join(map(str, value))] if value else []
         elif value is not None:
             words += [flag, str(value)]
     return shlex.join(words + look_words(args))

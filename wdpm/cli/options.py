@@ -113,6 +113,15 @@ SETTING_OPTIONS = (
         "gather radius than the one before",
     ),
     SettingOption(
+        "pass_samples",
+        _QUALITY,
+        "samples a pixel of each pass, separated by commas, where they are not spread evenly; --spp and --passes say "
+        "how many they are together",
+        values.counts,
+        "N,N,...",
+        default="spread evenly",
+    ),
+    SettingOption(
         "adaptive",
         _QUALITY,
         "from the third pass on, take more samples where the passes before show more error, and fewer elsewhere; --spp "

@@ -10,7 +10,7 @@ from wdpm.accuracy.predict import predict
 from wdpm.cli.options import chosen_settings
 from wdpm.cli.scene import scene_of
 from wdpm.goal.render import CHOSEN_HERE
-from wdpm.goal.trial_pilot import Workplace
+from wdpm.goal.workplace import Workplace
 from wdpm.local_backend import backend_here
 from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 from wdpm.goal.convergence import Estimate
 from wdpm.goal.goal import Goal, Metric
@@ -17,6 +18,10 @@ DARK_STOPS = 3.0
 """More than so many stops too dark, most of a picture's radiance squared is below what relMSE adds to it."""
 
 
+MOST_IN_WORDS = 6
+"""Passes whose samples are told one by one."""
+
+
 class Ending(Enum):
     """What ends the passes of a render that is asked for an error or a time."""
 
@@ -25,6 +30,25 @@ class Ending(Enum):
     OUT_OF_TIME = "out of time"
     INTERRUPTED = "interrupted"
     LOST = "slaves lost"
+
+
+class Times(NamedTuple):
+    """What things took [s]: all passes, as foretold and in fact, the pilot, and compiling."""
+
+    passes: float
+    predicted: float
+    pilot: float
+    compiling: float
+
+
+class Found(NamedTuple):
+    """What came of passes; see Outcome. `expected` is in the goal's metric."""
+
+    estimate: Estimate | None
+    pass_samples: tuple[int, ...]
+    ending: Ending
+    why: str
+    expected: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -38,11 +62,12 @@ class Outcome:
         most_bias: upper end of that bias; where nothing was rendered to measure it, what it is at most by experience.
         reached: whether the upper end of the estimate is within the error asked for; True if none was.
         ending: what ended it.
-        passes, samples: that were rendered; samples are those of each pass.
+        pass_samples: samples of a pixel in each pass that was rendered.
         seconds: of the passes; predicted_seconds: the same, as the pilot told; pilot_seconds: of the pilot.
         compile_seconds: that went by for compiling.
         stops: of exposure that would show the image as it should be seen.
-        expected: error that the chosen settings were expected to reach, in the goal's metric.
+        expected: error that the chosen settings were expected to reach, in the goal's metric; not a number where none
+            was foretold.
         why: what was chosen, and for what reason.
     """
 
@@ -53,8 +78,7 @@ class Outcome:
     most_bias: float
     reached: bool
     ending: Ending
-    passes: int
-    samples: int
+    pass_samples: tuple[int, ...]
     seconds: float
     predicted_seconds: float
     pilot_seconds: float
@@ -74,7 +98,8 @@ class Outcome:
         goal, name = self.goal, NAMES[self.goal.metric]
         found = [f"chose {self.why}"]
         if self.estimate is None:
-            few = "one pass is" if self.passes == 1 else f"{self.passes} passes are"
+            passes = len(self.pass_samples)
+            few = "one pass is" if passes == 1 else f"{passes} passes are"
             found.append(f"{name} not known: {few} too few to tell")
         else:
             e = self.estimate
@@ -86,7 +111,7 @@ class Outcome:
         if goal.metric.is_relative and self.stops > DARK_STOPS:
             found.append(self._dark())
         found.append(
-            f"{passes_in_words(self.passes, self.samples)} in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
+            f"{passes_in_words(self.pass_samples)} in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
             f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
         )
         if self.ending in (Ending.INTERRUPTED, Ending.LOST):
@@ -121,9 +146,14 @@ class Outcome:
         return f"what is left is mostly noise: some {max(times, 2)} times the samples would reach it"
 
 
-def passes_in_words(passes: int, samples: int) -> str:
-    """How many passes of how many samples each: "1 pass of 4 samples"."""
-    return f"{passes} {'pass' if passes == 1 else 'passes'} of {samples} {'sample' if samples == 1 else 'samples'}"
+def passes_in_words(samples: Sequence[int]) -> str:
+    """How many passes of how many samples each: "1 pass of 4 samples", or "3 passes of 1, 8 and 9 samples"."""
+    passes = f"{len(samples)} {'pass' if len(samples) == 1 else 'passes'}"
+    if len(set(samples)) == 1:
+        return f"{passes} of {samples[0]} {'sample' if samples[0] == 1 else 'samples'}"
+    if len(samples) > MOST_IN_WORDS:
+        return f"{passes} of {min(samples)} to {max(samples)} samples"
+    return f"{passes} of {', '.join(map(str, samples[:-1]))} and {samples[-1]} samples"
 
 
 def _finite_or_none(value: Any) -> Any:
@@ -138,16 +168,9 @@ def in_metric(metric: Metric, figure: ErrorFigure) -> ErrorFigure:
     return ErrorFigure(metric.figure(figure.value), metric.figure(figure.low), metric.figure(figure.high))
 
 
-def outcome_of(
-    goal: Goal,
-    schedule: Schedule,
-    estimate: Estimate | None,
-    passes: int,
-    times: dict[str, float],
-    ending: Ending,
-    stops: float = 0.0,
-) -> Outcome:
-    """From what was measured; `times` are the three of Outcome."""
+def outcome_of(goal: Goal, found: Found, times: Times, stops: float = 0.0) -> Outcome:
+    """From what was measured."""
+    estimate = found.estimate
     return Outcome(
         goal=goal,
         estimate=None if estimate is None else in_metric(goal.metric, estimate.total),
@@ -155,14 +178,15 @@ def outcome_of(
         bias=math.nan if estimate is None else estimate.bias.value,
         most_bias=math.nan if estimate is None else estimate.bias.high,
         reached=goal.error is None or (estimate is not None and estimate.total.high <= goal.mean_square),
-        ending=ending,
-        passes=passes,
-        samples=schedule.samples,
-        predicted_seconds=schedule.seconds,
+        ending=found.ending,
+        pass_samples=found.pass_samples,
         stops=stops,
-        expected=goal.metric.figure(schedule.error),
-        why=reasons(schedule),
-        **times,
+        expected=found.expected,
+        why=found.why,
+        seconds=times.passes,
+        predicted_seconds=times.predicted,
+        pilot_seconds=times.pilot,
+        compile_seconds=times.compiling,
     )
 
 

@@ -1,6 +1,7 @@
 """Renders until an error is reached or a time is up: a pilot, then pass after pass.
 
-The image is that of `--passes N` with the settings that were chosen and with as many passes as it took, to the bit.
+A time alone is filled as by default (in_time.py). Where an error is asked for, the image is that of `--passes N` with
+the settings that were chosen and with as many passes as it took, to the bit.
 """
 
 from __future__ import annotations
@@ -13,10 +14,15 @@ from typing import Any, NamedTuple
 from wdpm.goal.clock import Budget
 from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal
-from wdpm.goal.outcome import Ending, outcome_of, passes_in_words
+from wdpm.goal.in_time import TimedRender
+from wdpm.goal.outcome import Ending, Found, Times, outcome_of, passes_in_words, reasons
 from wdpm.goal.schedule import Schedule
+from wdpm.goal.stopped import Abandoned as Abandoned
+from wdpm.goal.stopped import Interrupted as Interrupted
+from wdpm.goal.stopped import raise_if_stopped
 from wdpm.goal.trial import Clock
-from wdpm.goal.trial_pilot import TrialPilot, Workplace
+from wdpm.goal.trial_pilot import TrialPilot
+from wdpm.goal.workplace import Workplace
 from wdpm.images.image import Image
 from wdpm.images.view_transform import auto_exposure
 from wdpm.progress import Progress, SilentProgress
@@ -54,30 +60,6 @@ SLOWER = 1.1
 """As many times the slowest pass so far, the next may take."""
 
 
-class Interrupted(KeyboardInterrupt):
-    """Someone pressed Ctrl-C during the passes.
-
-    Attributes:
-        image: the mean of those that were done, with its outcome.
-    """
-
-    def __init__(self, image: Image) -> None:
-        super().__init__()
-        self.image = image
-
-
-class Abandoned(ClusterError):
-    """The cluster ended because of an error during the passes.
-
-    Attributes:
-        image: the mean of those that were done, with its outcome.
-    """
-
-    def __init__(self, reason: str, image: Image) -> None:
-        super().__init__(reason)
-        self.image = image
-
-
 def render_until(
     source: Source,
     goal: Goal,
@@ -112,10 +94,35 @@ def render_until(
     scene = scene_of(source)
     pixels = scene.camera.width * scene.camera.height
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
-    pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
+    work, settings = Workplace(backend, progress, clock), settings_for(scene, **chosen)
     progress.start("pilot")
+    if goal.error is None:
+        return _render_in_time(TimedRender(scene, settings, work, goal.metric, budget.left), goal)
+    pilot = TrialPilot(scene, settings, frozenset(chosen), work)
     pilot.run(goal, budget.left)
     return _render(pilot, goal, budget)
+
+
+def _render_in_time(timed: TimedRender, goal: Goal) -> Image:
+    """Render as by default, for as long as there is time."""
+    clock = timed.work.clock
+    began = clock()
+    timed.begin()
+    pilot, began = clock() - began, clock()
+    estimate = timed.finish()
+    compiling = timed.compile_seconds
+    times = Times(clock() - began, timed.planned, max(pilot - compiling, 0.0), compiling)
+    found = Found(estimate, timed.pass_samples, timed.ending, timed.why)
+    return _with_outcome(timed.average, goal, found, times, timed.error)
+
+
+def _with_outcome(average: PassAverage, goal: Goal, found: Found, times: Times, error: BaseException | None) -> Image:
+    """The image, with what came of the goal; raised, where an error ended it."""
+    image = average.image()
+    outcome = outcome_of(goal, found, times, auto_exposure(image.pixels))
+    image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
+    raise_if_stopped(error, image)
+    return image
 
 
 def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
@@ -128,21 +135,10 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     renderer = pilot.renderer_for(schedule)
     renderer.progress = progress
     done = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
-    times = {
-        "seconds": pilot.work.clock() - began,
-        "pilot_seconds": pilot.seconds,
-        "compile_seconds": pilot.compile_seconds,
-    }
-    image = done.average.image()
-    stops = auto_exposure(image.pixels)
-    outcome = outcome_of(goal, schedule, done.estimate, len(done.average.plans), times, done.ending, stops)
-    image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
-    match done.error:
-        case KeyboardInterrupt():
-            raise Interrupted(image) from done.error
-        case ClusterError():
-            raise Abandoned(str(done.error), image) from done.error
-    return image
+    times = Times(pilot.work.clock() - began, schedule.seconds, pilot.seconds, pilot.compile_seconds)
+    samples = tuple(plan.spp for plan in done.average.plans)
+    found = Found(done.estimate, samples, done.ending, reasons(schedule), goal.metric.figure(schedule.error))
+    return _with_outcome(done.average, goal, found, times, done.error)
 
 
 class _Done(NamedTuple):
@@ -196,7 +192,7 @@ def _passes(
         renderer.show(average)
         if number < estimator.passes:
             continue
-        if goal.error is not None and number >= next_check:
+        if number >= next_check:
             estimate = estimator.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
             if estimate is not None and estimate.total.high <= goal.mean_square:
@@ -210,7 +206,7 @@ def _passes(
 
 def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
     """Passes after which the error counts as out of reach."""
-    if goal.error is None or (goal.seconds is not None and not expected):
+    if goal.seconds is not None and not expected:
         return math.inf  # the time ends it
     return max(PATIENCE * schedule.passes, LEAST_FOR_PATIENCE) if expected else schedule.passes
 
@@ -218,8 +214,8 @@ def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
 def promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
     """What is about to be rendered, for the person who waits for it."""
     error = _error_in_words(schedule, goal)
-    what = f"{passes_in_words(schedule.passes, schedule.samples)}, about {schedule.seconds:.1f} s, {error}"
-    if goal.error is None or expected:
+    what = f"{passes_in_words((schedule.samples,) * schedule.passes)}, about {schedule.seconds:.1f} s, {error}"
+    if expected:
         return f"chose {what}"
     return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"
 

@@ -41,9 +41,6 @@ RECORD_NOISE = 0.8
 RARE_POWER = 1.4
 """Measured on scenes with and without caustics: between 0.9 and 2.2."""
 
-FIRST_PASS = 0.5
-"""Of a time, what its first pass is planned to take at most."""
-
 LIKELY_NONE = math.log(2.0)
 """Pixels expected, of which as likely as not there is none (Poisson)."""
 
@@ -202,22 +199,6 @@ def nearest(trials: Iterable[Trial], seconds: float) -> Schedule:
         if fitting
         else min(shortest, key=lambda e: e.seconds)
     )
-
-
-def plain(trial: Trial, seconds: float) -> Schedule:
-    """As a render by default is, in a time: few passes of many samples, as the records of such have many rays.
-
-    For a trial that has not told errors. No pass is planned to take more than FIRST_PASS of the time, as it may take
-    longer; where more of them have room after all, they are rendered.
-    """
-    found = [schedule_of(trial, 1, 1)]
-    for samples in _powers_of_two():
-        one = pass_cost(trial, samples) + samples * trial.sample_cost
-        first = schedule_of(trial, 1, samples).seconds  # with what it takes to start anew
-        if first <= FIRST_PASS * seconds:
-            passes = 1 + int(min((seconds - first) / max(one, 1e-9), MOST_PASSES - 1))
-            found.append(schedule_of(trial, passes, samples))
-    return found[-1]
 
 
 def _first_to_reach(trial: Trial, samples: int, mean_square: float, likely: bool) -> Schedule | None:

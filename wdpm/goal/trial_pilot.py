@@ -6,21 +6,19 @@ What was not tried yet is guessed from what was. Trials that would cost more tha
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.goal.by_default import choose_by_default, is_matt
 from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
-from wdpm.goal.schedule import FACTORS, Schedule, nearest, plain, schedule_of, soonest, with_photons
-from wdpm.goal.trial import Clock, Trial, try_out
-from wdpm.progress import Progress, SilentProgress
-from wdpm.rendering.backend import Backend
+from wdpm.goal.schedule import FACTORS, Schedule, nearest, schedule_of, soonest, with_photons
+from wdpm.goal.trial import Trial, try_out
+from wdpm.goal.workplace import Workplace
+from wdpm.rendering.pass_plan import plans_for
 from wdpm.rendering.passes import PassRenderer
 from wdpm.scenes.model.scene import Scene
 
@@ -51,33 +49,6 @@ LONG_S = 45.0
 """Of a time budget, from which on kernels of other kinds of passes may be compiled."""
 
 
-@dataclass(frozen=True, eq=False)
-class Workplace:
-    """Where passes are rendered.
-
-    Attributes:
-        clock: that costs are measured with [s].
-    """
-
-    backend: Backend
-    progress: Progress
-    clock: Clock = time.perf_counter
-
-    def renderer(self, scene: Scene, settings: RenderSettings) -> PassRenderer:
-        """One whose phases show as no more than signs of life."""
-        return PassRenderer(scene, self.backend, settings, progress=_SignsOfLife(self.progress))
-
-
-class _SignsOfLife(SilentProgress):
-    """Of many small renders that are one phase to a person."""
-
-    def __init__(self, progress: Progress) -> None:
-        self._progress = progress
-
-    def advance(self, amount: int = 1) -> None:
-        self._progress.advance(amount)
-
-
 @dataclass(eq=False)
 class TrialPilot:
     """What is known of a scene before it is rendered.
@@ -98,7 +69,6 @@ class TrialPilot:
     trials: list[Trial] = field(default_factory=list)
     seconds: float = 0.0
     compile_seconds: float = 0.0
-    _by_default: bool = False  # chosen as by a render that is asked for nothing
     _ready: PassRenderer | None = None  # of the last trial, as is the next
     _estimator: ConvergenceEstimator | None = None
 
@@ -108,7 +78,7 @@ class TrialPilot:
         ready, self._ready = self._ready, None
         if ready is None or not schedule.ready:
             return self.work.renderer(self.scene, settings)
-        ready.will_have(self.scene, settings.passes, settings.spp)
+        ready.will_have(self.scene, [plan.spp for plan in plans_for(settings)])
         return ready
 
     def estimator_for(self, schedule: Schedule, goal: Goal) -> ConvergenceEstimator:
@@ -134,15 +104,13 @@ class TrialPilot:
         if last.at_once is not None and last.ready:
             return schedule_of(last, 1, 1), True
         candidates = self._candidates()
-        reaching = None if goal.error is None else soonest(candidates, goal.mean_square)
+        reaching = soonest(candidates, goal.mean_square)
         if reaching is not None and reaching.seconds <= seconds_left:
             return reaching, True
         if math.isfinite(seconds_left):
-            if self._by_default:
-                return plain(last, seconds_left), goal.error is None
-            return nearest(candidates, seconds_left), goal.error is None
+            return nearest(candidates, seconds_left), False
         # What the noise of a trial hides may be no bias at all, and more photons would not lessen it: passes tell.
-        hopeful = None if goal.error is None else soonest(candidates, goal.mean_square, likely=True)
+        hopeful = soonest(candidates, goal.mean_square, likely=True)
         if hopeful is not None:
             return hopeful, True
         # Nothing reaches it: what has the least bias, until noise is small beside it.
@@ -159,14 +127,14 @@ class TrialPilot:
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
         until = seconds_left() - allowed if math.isfinite(allowed) else 0.0
-        self._settle(goal, seconds_left)
-        if not self._by_default and self._wants_a_reference(goal, seconds_left()):
+        self._settle()
+        if self._wants_a_reference(goal, seconds_left()):
             wanted = REFERENCE_SHARE * goal.mean_square
             self.reference = make_reference_pair(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
             )
         self._try(self._first(), goal, lambda: seconds_left() - until)
-        for _ in range(0 if self._by_default else MOST_TRIALS - 1):
+        for _ in range(MOST_TRIALS - 1):
             schedule, reached = self.best(goal, seconds_left())
             following = self._next(schedule, reached, goal, seconds_left(), seconds_left() - until)
             if following is None:
@@ -180,21 +148,16 @@ class TrialPilot:
         by_photons = settings.algorithm.shoots_photons and settings.photons > 0
         # Paths cannot leave out what comes by a photon map: such an image has no reference.
         whole = not REFERENCE.algorithm.cannot_leave_out.intersection(settings.without)
-        large = goal.error is not None and goal.metric.is_relative and goal.mean_square >= ERROR_BEYOND_BIAS
+        large = goal.metric.is_relative and goal.mean_square >= ERROR_BEYOND_BIAS
         if large and not PHOTON_FIELDS & self.fixed:
             return False
         return by_photons and whole and seconds_left > LONG_S
 
-    def _settle(self, goal: Goal, seconds_left: Callable[[], float]) -> None:
-        """Have a trial of its own decide which integrator it is, where that is open, for a render by default.
-
-        Where a time alone is asked for, and all surfaces are matt, it is rendered as by default: see by_default.
-        """
+    def _settle(self) -> None:
+        """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""
         if not self.settings.algorithm.stands_for_others:
             return
         if "integrator" not in self.fixed:
-            if goal.error is None and is_matt(self.scene) and self._choose_by_default(seconds_left):
-                return
             # Where nobody said, the search is among the ways to map photons: what they take and leave is known to it.
             self.settings = replace(self.settings, integrator=Integrator.PHOTONS)
             return
@@ -204,21 +167,9 @@ class TrialPilot:
         found = prepared.settings
         self.settings = replace(self.settings, integrator=found.integrator, light_samples=found.light_samples)
 
-    def _choose_by_default(self, seconds_left: Callable[[], float]) -> bool:
-        """Have all be as a render by default chooses it, if there is time; whether it is."""
-        found = choose_by_default(
-            lambda settings: self.work.renderer(self.scene, settings), self.settings, seconds_left
-        )
-        self.compile_seconds += found.compile_seconds
-        if found.settings is None:
-            return False
-        self.work.progress.note(found.why)
-        self.settings, self._by_default = found.settings, True
-        return True
-
     def _first(self) -> RenderSettings:
         algorithm = self.settings.algorithm
-        if not algorithm.shoots_photons or self._by_default:
+        if not algorithm.shoots_photons:
             return self.settings  # as they were given: a warning names what has no effect
         settings = replace(self.settings, indirect=algorithm.kinds_to_try(self.settings)[0])
         if PHOTON_FIELDS & self.fixed:
@@ -247,7 +198,7 @@ class TrialPilot:
     def _is_worth_a_trial(self, schedule: Schedule, goal: Goal) -> bool:
         """Whether a trial costs little beside the render, and less than it promises to save."""
         cost = schedule.trial.cost
-        tried = None if goal.error is None else soonest(self.trials, goal.mean_square)
+        tried = soonest(self.trials, goal.mean_square)
         return cost < WORTH * schedule.seconds and (tried is None or cost < tried.seconds - schedule.seconds)
 
     def _kinds_left(self) -> Sequence[Indirect]:
@@ -278,7 +229,7 @@ class TrialPilot:
             self.reference,
             self.work.clock,
             seconds_left,
-            0.0 if goal.error is None else goal.mean_square,
+            goal.mean_square,
         )
         self.compile_seconds += trial.compile_seconds
         self.trials.append(trial)

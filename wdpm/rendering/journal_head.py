@@ -13,7 +13,7 @@ from wdpm.cluster.versions import versions
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared, digest
 
-NOT_SETTINGS = frozenset({*CHANGE_NO_BIT, "spp", "passes"})
+NOT_SETTINGS = frozenset({*CHANGE_NO_BIT, "spp", "passes", "pass_samples"})
 """Of RenderSettings: those that change no bit of a pass, and those that PassPlan stands for."""
 
 _OF_PASS = "samples of each part"

@@ -8,8 +8,11 @@ image. The radius shrinks from pass to pass, so slowly that the noise of the mea
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +70,25 @@ def spread_samples(spp: int, passes: int) -> tuple[PassPlan, ...]:
     )
 
 
+def spread_of(settings: RenderSettings) -> tuple[PassPlan, ...]:
+    """Passes of a render that begins now."""
+    if not settings.pass_samples:
+        return spread_samples(settings.spp, settings.passes)
+    starts = itertools.accumulate(settings.pass_samples, initial=0)
+    return tuple(PassPlan(*each) for each in zip(itertools.count(), starts, settings.pass_samples, strict=False))
+
+
+def samples_of(passes: Sequence[int], *, given: bool = False) -> dict[str, Any]:
+    """Settings of a render in passes of so many samples each, by name.
+
+    Args:
+        given: name them one by one, even if they are spread evenly.
+    """
+    even = tuple(plan.spp for plan in spread_samples(sum(passes), len(passes)))
+    uneven = () if tuple(passes) == even and not given else tuple(passes)
+    return {"spp": sum(passes), "passes": len(passes), "pass_samples": uneven}
+
+
 def plans_for(settings: RenderSettings, done: tuple[PassPlan, ...] = ()) -> tuple[PassPlan, ...]:
     """All passes of a render, those that are done included.
 
@@ -79,7 +101,7 @@ def plans_for(settings: RenderSettings, done: tuple[PassPlan, ...] = ()) -> tupl
     if len(done) > settings.passes:
         raise SettingsError(f"passes is {settings.passes}, but {len(done)} are done already; ask for at least as many")
     if settings.passes <= settings.spp:
-        spread = spread_samples(settings.spp, settings.passes)
+        spread = spread_of(settings)
         if spread[: len(done)] == done:
             return spread
     if not done:

@@ -35,7 +35,7 @@ from wdpm.rendering.cache_file import (
 )
 from wdpm.rendering.pass_average import PassAverage
 from wdpm.rendering.pass_journal import read_journal, write_journal
-from wdpm.rendering.pass_plan import PassPlan, PassResult, plans_for, session_of, shrink, spread_samples
+from wdpm.rendering.pass_plan import PassPlan, PassResult, plans_for, samples_of, session_of, shrink, spread_samples
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.prepare import Source, scene_of
 from wdpm.rendering.results import image_of
@@ -109,8 +109,8 @@ class PassRenderer:
         if self._backend.display is not None:
             self._backend.display.pass_done(mean)
 
-    def will_have(self, scene: Scene, passes: int, spp: int) -> None:
-        """Be told how many passes and samples a pixel there will be, where that was open when it was made.
+    def will_have(self, scene: Scene, samples: Sequence[int]) -> None:
+        """Be told how many samples each pass will have, where that was open when it was made.
 
         Nothing of a pass depends on that but how its work is cut up; the image says it of itself.
 
@@ -118,7 +118,8 @@ class PassRenderer:
             scene: that it was made of.
         """
         prepared = self.prepared
-        prepared.settings = replace(prepared.settings, passes=passes, spp=spp)
+        given = bool(prepared.settings.pass_samples)
+        prepared.settings = replace(prepared.settings, **samples_of(samples, given=given))
         prepared.approximated = approximations(scene, prepared.session.world, prepared.settings)
 
     def see_by(self, seed: int) -> None:
@@ -184,7 +185,7 @@ def render_in_passes(
     plans = plans_for(settings, () if saved is None else saved.plans)
     asked = settings.spp
     # Plans go by the samples of a pass: as many as in those that are done, or the others would not go on with them.
-    settings = replace(settings, spp=plans[-1].first_sample + plans[-1].spp)
+    settings = replace(settings, **samples_of([plan.spp for plan in plans]))
     if journal is not None and saved is None:
         _refuse_to_overwrite(journal)
     own = None

@@ -224,11 +224,12 @@ def _planned(
 
 
 def _allotment(automatic: ChosenSettings, view: View) -> Allotment:
-    """The samples of each part of an image in one pass; in several, those of each are as many everywhere.
+    """The samples of each part of an image in one pass; in several, or where
+    those of each are given, they are as many everywhere.
 
     Pixels on outlines of lamps take as many as they need anyway: what is noisy there tells nothing of those about them.
     """
-    if automatic.noise is None or automatic.settings.passes > 1:
+    if automatic.noise is None or automatic.settings.passes > 1 or automatic.settings.pass_samples:
         return NO_ALLOTMENT
     camera, (rows, columns) = view.camera, automatic.noise.shape
     row = (np.arange(rows) * 2 + 1) * camera.height // (2 * rows)
@@ -366,7 +367,8 @@ def _lit_scene(world: World, triangles: Triangles) -> str:
 
 def _identity(scene: str, view: View, settings: RenderSettings) -> dict[str, str]:
     """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
-    chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
+    plain = {name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}
+    chosen = replace(settings, **plain, spp=1, passes=1, pass_samples=())
     return {"scene": scene, "camera": digest(view.camera), "settings": digest(chosen)}
 
 

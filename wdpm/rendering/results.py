@@ -16,6 +16,7 @@ from wdpm.cluster.session import SessionResult
 from wdpm.cluster.work import guards
 from wdpm.images.image import Image
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.rendering.pass_plan import samples_of
 from wdpm.rendering.prepare import Prepared
 from wdpm.report.report import (
     PACKAGES,
@@ -121,7 +122,7 @@ def _settings(prepared: Prepared, passes: tuple[PassReport, ...]) -> dict[str, A
     camera = prepared.session.view.camera
     values = {k: v.value if isinstance(v, Enum) else v for k, v in asdict(prepared.settings).items()}
     if passes:  # a render that went on may have more than were asked for at first
-        values |= {"passes": len(passes), "spp": sum(each.spp for each in passes)}
+        values |= samples_of([each.spp for each in passes], given=bool(prepared.settings.pass_samples))
     world = prepared.session.world
     planned = {"gather_radius": world.global_map.radius * world.unit, "cells": world.top_tree.cells}
     return values | {"width": camera.width, "height": camera.height} | planned
