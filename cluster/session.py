@@ -75,6 +75,8 @@ class SessionResult:
         statistics: of each slave that was there at the end, with its number as `slave`.
         photons_traced: of each photon task, in the order of their paths. From the session that traced them, if they
             were reused.
+        counted: of all photons in the maps, each once, also of those that lost slaves have stored, by name
+            (master.statistics).
         seconds: wall-clock time by phase [s]: partition, photons, map, render. A phase that was skipped is missing.
         dropped: messages that were not used, by reason.
         records: irradiance records, those that were there already included.
@@ -85,6 +87,7 @@ class SessionResult:
     layers: dict[str, NDArray[np.float32]]
     statistics: list[dict[str, Any]]
     photons_traced: tuple[PhotonsTraced, ...]
+    counted: dict[str, Any]
     seconds: dict[str, float]
     dropped: dict[str, int]
     records: Records = NO_RECORDS

@@ -35,6 +35,7 @@ class Member:
     late: bool = False
     in_flight: dict[int, Task] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
+    counted: dict[str, Any] = field(default_factory=dict)
     done: int = 0
     busy_s: float = 0.0
     peak_memory: int = 0

@@ -25,7 +25,7 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again,
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.render_status import Phase
 from wdpm.cluster.master.roster import Roster, team_size_of
-from wdpm.cluster.master.statistics import check_statistics, of_nobody
+from wdpm.cluster.master.statistics import all_photons_counted, check_photon_counts, check_statistics, of_nobody
 from wdpm.cluster.master.task_sizes import capacities, parallel_tasks, photon_task_size
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import (
@@ -179,6 +179,9 @@ class Phases:
             check_statistics(message.values, session.world)
             member.statistics = {**message.values, "slave": member.number}
             member.peak_memory = message.values["peak_memory_bytes"]
+        if isinstance(message, protocol.MapsBuilt) and session is not None:
+            check_photon_counts(message.counted, session.world)
+            member.counted = message.counted
         if isinstance(message, protocol.Ready):
             member.cells = frozenset(team.cells_of(member))
         self._moved_at = now
@@ -232,14 +235,14 @@ class Phases:
             case Phase.PHOTONS if self.tasks.finished and ready_for_maps(teams, self._trace):
                 return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
-                self._end_phase("map", now)
+                self._end_maps(session, now)
                 return self._start_view(session, now) + self._follow_up(session, now)
             case Phase.RECORDS if self.tasks.finished and self.tasks.rounds is not None:
                 return self._end_round(self.tasks.rounds, session, now)
             case Phase.BUCKETS if self.tasks.finished:
                 return self._start_statistics(session, now)
             case Phase.STATISTICS if not any(team.awaits for team in teams if team.has_maps(self._trace)):
-                return self._finish(session)
+                return self._finish()
         return []
 
     def _start_photons(self, session: Session, now: float) -> list[Instruction]:
@@ -258,6 +261,12 @@ class Phases:
         regions = NO_REGIONS if all_share_memory(teams) else regions_of(session, len(teams))
         orders = map_orders(teams, regions)
         return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
+
+    def _end_maps(self, session: Session, now: float) -> None:
+        """Teams that were late traced no photons of these maps, though later they trace all for themselves."""
+        self._end_phase("map", now)
+        traced = [member for team in self.roster.teams if team.has_maps(self._trace) for member in team.members]
+        self.tasks.counted = all_photons_counted([member.counted for member in traced], len(session.world.lights.names))
 
     def _start_view(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""
@@ -308,8 +317,8 @@ class Phases:
             return []
         return self._order(team, protocol.Statistics, protocol.ReadStatistics(team.epoch))
 
-    def _finish(self, session: Session) -> list[Instruction]:
-        statistics = [member.statistics for member in self._members if member.statistics] or [of_nobody(session.world)]
+    def _finish(self) -> list[Instruction]:
+        statistics = [member.statistics for member in self._members if member.statistics] or [of_nobody()]
         result = self.tasks.end(statistics, self._seconds, self._dropped, tuple(map(str, self._lost)))
         self.phase, self.session = Phase.IDLE, None
         for team in self.roster.teams:

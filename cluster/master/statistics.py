@@ -1,16 +1,21 @@
-"""What a slave's statistics must look like: the report of a render reads them as they are."""
+"""What slaves' statistics, and what they counted of photons, must look like: reports read them as they are.
+
+Photons are counted when maps are built. So each photon in the maps counts once, also where the slave that stored it is
+lost later, and where another traces all of them once more for itself.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from wdpm.cluster.messages.protocol import SPENT
 from wdpm.cluster.world import World
+from wdpm.kernels.limits import MAPS
 from wdpm.scenes.errors import ProtocolError
-
-MAPS = 3
-"""Global, caustic and volume."""
 
 COUNTS = frozenset(
     {
@@ -36,6 +41,7 @@ COUNTS = frozenset(
     }
 )
 SECONDS = frozenset({"gathers_s", "final_gather_read_s", "final_gather_interpolated_s", "irradiance_s", "busy_s"})
+OF_MAPS = frozenset({"photons", "copies", "ghosts"})
 COUNTS_BY_NAME = frozenset({"guards", "dropped"})
 MOST_NAMES = 1024
 COUNTS_BY_POWER = frozenset({"batches_by_rays", "batches_by_bytes"})
@@ -46,17 +52,7 @@ POWERS = frozenset({"0", *(str(1 << power) for power in range(63))})
 
 def check_statistics(values: dict[str, Any], world: World) -> None:
     """Raise ProtocolError unless these are the statistics of a slave of this world, by name and type."""
-    lights = len(world.lights.names)
-    tables: dict[str, tuple[type, tuple[int, ...]]] = {
-        "photons": (int, (MAPS,)),
-        "copies": (int, (MAPS,)),
-        "ghosts": (int, (MAPS,)),
-        "paths_by_light": (int, (2, lights)),
-        "flux_by_light": (float, (MAPS, lights)),
-        "stored_by_light": (int, (MAPS, lights)),
-        "energy": (float, (MAPS,)),
-    }
-    known = {"cells", *COUNTS, *SECONDS, *COUNTS_BY_NAME, *tables}
+    known = {"cells", *COUNTS, *SECONDS, *COUNTS_BY_NAME, *OF_MAPS}
     names = values.keys() - ACCOUNT
     _require(names == known, f"wrong names: {sorted(known ^ names)!r:.200}")
     _check_account(values)
@@ -66,11 +62,54 @@ def check_statistics(values: dict[str, Any], world: World) -> None:
         _require(_is_number(values[name]), f"{name} is {values[name]!r:.80}; expected seconds")
     for name in COUNTS_BY_NAME:
         _require(_are_counts(values[name]), f"{name} is {values[name]!r:.80}; expected counts by name")
-    for name, (item, shape) in tables.items():
-        _require(_is_table(values[name], item, shape), f"{name} is {values[name]!r:.80}; expected numbers of {shape}")
+    for name in OF_MAPS:
+        _require(_is_table(values[name], int, (MAPS,)), f"{name} is {values[name]!r:.80}; expected {MAPS} counts")
     cells = values["cells"]
     inside = isinstance(cells, list) and all(_is_count(cell) and cell < world.top_tree.cells for cell in cells)
     _require(inside, f"cells is {cells!r:.80}; expected numbers of cells")
+
+
+def photon_tables(lights: int) -> dict[str, tuple[type, tuple[int, ...]]]:
+    """What is counted of photons besides guards: by name, the type of its numbers and its shape.
+
+    `paths_by_light` are the paths that set out, by pass (global, caustic); `stored_by_light` and `flux_by_light` [W x
+    paths] are of photons in each map; `energy` is the power that was absorbed, escaped, or was cut off [W x paths].
+    """
+    return {
+        "paths_by_light": (int, (2, lights)),
+        "stored_by_light": (int, (MAPS, lights)),
+        "flux_by_light": (float, (MAPS, lights)),
+        "energy": (float, (3,)),
+    }
+
+
+def no_photons_counted(lights: int) -> dict[str, Any]:
+    """All of it, of no photons."""
+    return {name: np.zeros(shape, kind).tolist() for name, (kind, shape) in photon_tables(lights).items()} | {
+        "guards": {}
+    }
+
+
+def all_photons_counted(counted: Sequence[Mapping[str, Any]], lights: int) -> dict[str, Any]:
+    """What several slaves have counted, together."""
+    whole = no_photons_counted(lights)
+    for name, (kind, shape) in photon_tables(lights).items():
+        whole[name] = sum((np.array(each[name], kind) for each in counted), np.zeros(shape, kind)).tolist()
+    for each in counted:
+        for cause, count in each["guards"].items():
+            whole["guards"][cause] = whole["guards"].get(cause, 0) + count
+    return whole
+
+
+def check_photon_counts(values: dict[str, Any], world: World) -> None:
+    """Raise ProtocolError unless this is what a slave of this world counted of photons, by name and type."""
+    known = photon_tables(len(world.lights.names))
+    names, of = values.keys() ^ {*known, "guards"}, "MapsBuilt"
+    _require(not names, f"wrong names: {sorted(names)!r:.200}", of)
+    for name, (item, shape) in known.items():
+        right = _is_table(values[name], item, shape)
+        _require(right, f"{name} is {values[name]!r:.80}; expected numbers of {shape}", of)
+    _require(_are_counts(values["guards"]), f"guards is {values['guards']!r:.80}; expected counts by name", of)
 
 
 def _check_account(values: dict[str, Any]) -> None:
@@ -90,18 +129,16 @@ def _check_account(values: dict[str, Any]) -> None:
         _require(powers, f"{name} is {values[name]!r:.80}; expected counts by powers of two")
 
 
-def of_nobody(world: World) -> dict[str, Any]:
+def of_nobody() -> dict[str, Any]:
     """The statistics of a render whose slaves were all lost when it was done."""
-    lights = len(world.lights.names)
     none: dict[str, Any] = dict.fromkeys(COUNTS, 0) | dict.fromkeys(SECONDS, 0.0)
-    none |= {name: {} for name in COUNTS_BY_NAME} | {name: [0] * MAPS for name in ("photons", "copies", "ghosts")}
-    by_light = {"paths_by_light": [[0] * lights] * 2, "stored_by_light": [[0] * lights] * MAPS}
-    return none | by_light | {"flux_by_light": [[0.0] * lights] * MAPS, "energy": [0.0] * MAPS, "cells": [], "slave": 0}
+    none |= {name: {} for name in COUNTS_BY_NAME} | {name: [0] * MAPS for name in OF_MAPS}
+    return none | {"cells": [], "slave": 0}
 
 
-def _require(condition: bool, what: str) -> None:
+def _require(condition: bool, what: str, of: str = "Statistics") -> None:
     if not condition:
-        raise ProtocolError(f"Statistics: {what}")
+        raise ProtocolError(f"{of}: {what}")
 
 
 def _is_count(value: Any) -> bool:

@@ -58,6 +58,7 @@ class Tasks:
     Attributes:
         film: the image, from its first bucket until the session ends.
         rounds: of records, from the first until the session ends.
+        counted: of the photons that the maps are of, as `statistics.all_photons_counted`.
         ever_done: tasks that were done in all sessions.
         retried: tasks that had to be handed out again.
     """
@@ -65,6 +66,7 @@ class Tasks:
     def __init__(self) -> None:
         self.film: Film | None = None
         self.rounds: RecordRounds | None = None
+        self.counted: dict[str, Any] = {}
         self._photons: dict[int, PhotonsTraced] = {}  # by first path
         self._paths: list[tuple[int, int]] = []
         self._waiting = Waiting()
@@ -279,8 +281,9 @@ class Tasks:
             raise AssertionError("a session ended without a film")
         self.film = self.rounds = None
         self._begin(())
+        photons, counted, records = self.photons, self.counted, rounds.records
         return SessionResult(
-            film.layers, statistics, self.photons, seconds, dict(dropped), rounds.records, rounds.rays, lost
+            film.layers, statistics, photons, counted, seconds, dict(dropped), records, rounds.rays, lost
         )
 
     def _keep(self, task: Task, result: TaskResult) -> None:

@@ -21,7 +21,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 24
+PROTOCOL = 25
 
 
 # From a slave to the master.
@@ -76,9 +76,14 @@ class TaskDone:
 
 @dataclass(frozen=True)
 class MapsBuilt:
-    """All ghosts have arrived, and the photon maps of all cells are built."""
+    """All ghosts have arrived, and the photon maps of all cells are built.
+
+    Attributes:
+        counted: what was counted of photons here (cluster.master.statistics).
+    """
 
     epoch: int
+    counted: dict[str, Any]
 
 
 @dataclass(frozen=True)

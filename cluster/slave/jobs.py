@@ -47,6 +47,7 @@ class Worker(Protocol):
 
     def finish_maps(self) -> None: ...
 
+    def photon_counts(self) -> dict[str, Any]: ...
     def statistics(self) -> dict[str, Any]: ...
 
     def await_records(self) -> None: ...
@@ -218,7 +219,7 @@ class Outcome:
         batches: for other workers, or for this one.
         results: for the master.
         ghosts_expected: after ExchangeGhosts: batches of GHOSTS to handle before the maps can be built.
-        statistics: after ReadStatistics.
+        statistics: after ReadStatistics; after FinishMaps what was counted of photons.
     """
 
     job: Job
@@ -331,6 +332,7 @@ class Compute:
                 return Outcome(job, worker.build_maps(part, parts, [copy.cell for copy in copies]))
             case FinishMaps():
                 worker.finish_maps()
+                return Outcome(job, statistics=worker.photon_counts())
             case SetRecords(records):
                 worker.set_records(records)
                 outbox = worker.go_on()

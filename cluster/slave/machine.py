@@ -481,7 +481,7 @@ class Slave:
             case jobs.ForgetPhotons():
                 return [ToMaster(protocol.PhotonsForgotten(self._epoch))]
             case jobs.FinishMaps():
-                return [ToMaster(protocol.MapsBuilt(self._epoch))]
+                return [ToMaster(protocol.MapsBuilt(self._epoch, dict(outcome.statistics or {})))]
             case jobs.ReadStatistics():
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}
                 return [ToMaster(protocol.Statistics(self._epoch, values))]

@@ -18,7 +18,6 @@ from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.final_gather import FinalGatherCounters
-from wdpm.cluster.work.guards import added
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_paths import PhotonPaths
 from wdpm.cluster.work.photon_store import PhotonStore
@@ -188,8 +187,8 @@ class Cell:
 
     @property
     def guards(self) -> dict[str, int]:
-        """What guards did here, by cause: to camera samples of the view, and to photons."""
-        return added([self._camera_paths.guards.counts, self.store.guards.counts])
+        """What guards did here to camera samples of the view, by cause."""
+        return dict(self._camera_paths.guards.counts)
 
     def all_counters(self) -> list[tally.Counter]:
         """All that is counted here."""

@@ -346,8 +346,20 @@ class CellWorker:
         of_cells = [counter for cell in self.cells.values() for counter in cell.all_counters()]
         return [tally.Number(self, "_busy"), self.replica.paths_by_light, self._guards.counts, *of_cells]
 
+    def photon_counts(self) -> dict[str, Any]:
+        """What was counted of the photons that were traced and stored here, by name (cluster.master.statistics)."""
+        cells = self.cells.values()
+        stores = [cell.store for cell in cells]
+        return {
+            "paths_by_light": self.replica.paths_by_light.tolist(),
+            "stored_by_light": np.sum([store.counters.by_light for store in stores], axis=0).tolist(),
+            "flux_by_light": np.sum([store.counters.flux_by_light for store in stores], axis=0).tolist(),
+            "energy": np.sum([cell.energy for cell in cells], axis=0).tolist(),
+            "guards": added(store.guards.counts for store in stores),
+        }
+
     def statistics(self) -> dict[str, Any]:
-        """What this worker holds and has done."""
+        """What this worker holds and has done; `photon_counts` has what was counted of photons."""
         cells = self.cells.values()
         return {
             "cells": list(self.cells),
@@ -355,14 +367,6 @@ class CellWorker:
             "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
             "copies": _whole(np.sum([cell.store.copy_count for cell in cells], axis=0)),
             "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
-            "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
-            "flux_by_light": [
-                [float(x) for x in row] for row in np.sum([cell.store.counters.flux_by_light for cell in cells], axis=0)
-            ],
-            "stored_by_light": [
-                _whole(row) for row in np.sum([cell.store.counters.by_light for cell in cells], axis=0)
-            ],
-            "energy": [float(share) for share in np.sum([cell.energy for cell in cells], axis=0)],
             "gathers": sum(cell.gathers.gathers for cell in cells),
             "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
             "gathers_left_band": sum(cell.gathers.left_band for cell in cells),

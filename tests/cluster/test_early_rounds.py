@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from fake_worker import make_session, triangles
+from fake_worker import make_session, maps_built, triangles
 from master_driver import VERSIONS, A, B, Driver, hello, sent, tasks_of
 from record_rounds import FEW_A_TASK, cached, made
 
@@ -32,7 +32,7 @@ def to_first_round(slaves: int, cores: int = 0, **of_hello: Any) -> tuple[Driver
     for identity in (A, B)[:slaves]:
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
-    for answer in (p.Ready, p.MapsBuilt):
+    for answer in (p.Ready, maps_built):
         out = [i for identity in (A, B)[:slaves] for i in driver.says(identity, answer(driver.master.epoch(identity)))]
     return driver, out
 

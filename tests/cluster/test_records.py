@@ -16,7 +16,7 @@ from fake_worker import (
     irradiance_records,
     make_session,
     make_view,
-    make_world,
+    maps_built,
     picture,
     pixels_of,
     statistics_of,
@@ -60,7 +60,7 @@ class Rounds(Driver):
     def to_records(self, **session: Any) -> list[m.Instruction]:
         """As far as the view is set on both."""
         out = self.to_photons(**{"paths": 0, "view": cached(), **session})
-        for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+        for answer in (maps_built(EPOCH), p.ViewSet(EPOCH)):
             out += self.says(A, answer) + self.says(B, answer)
         return out
 
@@ -211,7 +211,7 @@ def test_the_result_has_the_records_as_they_were_made() -> None:
         identity, task = waiting.pop()
         out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, cached())))
         waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
-    nothing = statistics_of(make_world(2), dropped={})
+    nothing = statistics_of(dropped={})
     driver.says(A, p.Statistics(EPOCH, nothing))
     [finished] = driver.says(B, p.Statistics(EPOCH, nothing))
     assert isinstance(finished, m.Finished)

@@ -23,7 +23,7 @@ SIDE = 2 * BLOCK * int(LEAST_SQUARES**0.5)
 
 
 def result(plan: PassPlan, beauty: NDArray[np.float64]) -> PassResult:
-    return PassResult(plan, {"beauty": beauty.astype(np.float32)}, {}, SessionResult({}, [], (), {}, {}))
+    return PassResult(plan, {"beauty": beauty.astype(np.float32)}, {}, SessionResult({}, [], (), {}, {}, {}))
 
 
 def noisy(seed: int, spread: float) -> NDArray[np.float64]:

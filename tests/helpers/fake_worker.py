@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind, by_home
 from wdpm.cluster.layers import LAYERS
-from wdpm.cluster.master.statistics import COUNTS, SECONDS
+from wdpm.cluster.master.statistics import COUNTS, SECONDS, no_photons_counted
+from wdpm.cluster.messages import protocol
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import Records
 from wdpm.cluster.render_settings import Routing
@@ -192,10 +193,12 @@ class FakeWorker:
         self.photons = self.ghosts = self.copied = 0
         self.maps_built = False
 
+    def photon_counts(self) -> dict[str, Any]:
+        return maps_built(0, self.photons).counted
+
     def statistics(self) -> dict[str, Any]:
         assert not self.open
         return statistics_of(
-            self.world,
             triangles=self.triangles,
             photons=[self.photons, 0, 0],
             copies=[self.copied, 0, 0],
@@ -204,9 +207,8 @@ class FakeWorker:
         )
 
 
-def statistics_of(world: World, **known: Any) -> dict[str, Any]:
+def statistics_of(**known: Any) -> dict[str, Any]:
     """Statistics of a slave that did nothing but what is known."""
-    lights = len(world.lights.names)
     return {
         **dict.fromkeys(COUNTS, 0),
         **dict.fromkeys(SECONDS, 0.0),
@@ -214,13 +216,16 @@ def statistics_of(world: World, **known: Any) -> dict[str, Any]:
         "photons": [0, 0, 0],
         "copies": [0, 0, 0],
         "ghosts": [0, 0, 0],
-        "energy": [0.0, 0.0, 0.0],
-        "paths_by_light": [[0] * lights] * 2,
-        "stored_by_light": [[0] * lights] * 3,
-        "flux_by_light": [[0.0] * lights] * 3,
         "guards": {},
         **known,
     }
+
+
+def maps_built(epoch: int, stored: int = 0) -> protocol.MapsBuilt:
+    """What a slave of such a world says when its maps are built: the first has so many photons of the first light."""
+    lights = len(make_lights().names)
+    by_light = [[stored] + [0] * (lights - 1), [0] * lights, [0] * lights]
+    return protocol.MapsBuilt(epoch, no_photons_counted(lights) | {"stored_by_light": by_light})
 
 
 def arrays(kind: Kind, count: int) -> dict[str, Any]:

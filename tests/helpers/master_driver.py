@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fake_worker import make_session, make_view, triangles
+from fake_worker import make_session, make_view, maps_built, triangles
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
@@ -62,7 +62,7 @@ class Driver:
     def to_buckets(self) -> list[m.Instruction]:
         """As far as the first buckets."""
         self.to_photons(paths=0, view=make_view(64, 32, 16))
-        for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+        for answer in (maps_built(EPOCH), p.ViewSet(EPOCH)):
             self.says(A, answer)
             out = self.says(B, answer)
         assert self.master.phase is Phase.BUCKETS

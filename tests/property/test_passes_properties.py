@@ -60,7 +60,7 @@ def made_up(plan: PassPlan, seed: int, slaves: int) -> PassResult:
     ]
     seconds = {"photons": 0.5, "render": 1.0}
     traced = (PhotonsTraced(0, 7, 3.5), PhotonsTraced(1, 2, 0.25))
-    return PassResult(plan, layers, seconds, SessionResult(layers, statistics, traced, seconds, {}))
+    return PassResult(plan, layers, seconds, SessionResult(layers, statistics, traced, {"energy": [1.5]}, seconds, {}))
 
 
 @given(st.integers(1, 5000), st.integers(1, 64))

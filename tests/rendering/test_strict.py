@@ -80,7 +80,7 @@ def do(worker: CellWorker, batch: Batch) -> dict[str, int]:
     waiting = [batch]
     while waiting:
         waiting += [new for new in worker.cells[0].advance(waiting.pop()) if new.kind in worker.cells[0]._actions]
-    return worker.cells[0].guards
+    return guards.added([worker.cells[0].guards, worker.photon_counts()["guards"]])
 
 
 # In whole renders
@@ -215,7 +215,7 @@ def test_guards_of_photons(strict: bool, cause: str, changes: dict[str, Any]) ->
     else:
         assert do(worker, batch)[cause] >= 1  # it may land more than once
         worker.forget_photons()
-        assert worker.statistics()["guards"] == {}
+        assert worker.photon_counts()["guards"] == {}
 
 
 def test_a_photon_that_leaves_at_the_limit_of_bounces_was_not_cut() -> None:

@@ -49,6 +49,7 @@ class PassAverage:
         self._error: ErrorEstimate | None = None
         self._statistics: list[dict[str, Any]] = []
         self._traced = PhotonsTraced(0, 0, 0.0)
+        self._counted: dict[str, Any] = {}
         self._seconds: dict[str, float] = {}
         self._dropped: dict[str, int] = {}
         self._lost: tuple[str, ...] = ()  # since this process began
@@ -131,8 +132,9 @@ class PassAverage:
 
     def image(self) -> Image:
         """The mean, the error layers, and the report of all passes together."""
+        traced, seconds = (self._traced,), dict(self._seconds)
         together = SessionResult(
-            self.layers(), self._statistics, (self._traced,), dict(self._seconds), self._dropped, lost=self._lost
+            self.layers(), self._statistics, traced, self._counted, seconds, self._dropped, lost=self._lost
         )
         return image_of(self._prepared, together, tuple(self._reports), self.error())
 
@@ -168,6 +170,7 @@ class PassAverage:
             merged(one, other) for one, other in _side_by_side(self._statistics, list(outcome.statistics))
         ]
         self._traced = PhotonsTraced(0, self._traced.paths + outcome.paths, self._traced.emitted + outcome.emitted)
+        self._counted = merged(self._counted, outcome.counted)
         for phase, seconds in result.seconds.items():
             self._seconds[phase] = self._seconds.get(phase, 0.0) + seconds
         self._dropped = merged(self._dropped, outcome.dropped)
@@ -195,6 +198,7 @@ class PassAverage:
             "reports": [asdict(report) for report in self._reports],
             "statistics": self._statistics,
             "traced": asdict(self._traced),
+            "counted": self._counted,
             "seconds": self._seconds,
             "dropped": self._dropped,
         }
@@ -220,6 +224,7 @@ class PassAverage:
         self._reports = [PassReport(**report) for report in account["reports"]]
         self._statistics = list(account["statistics"])
         self._traced = PhotonsTraced(**account["traced"])
+        self._counted = dict(account["counted"])
         self._seconds, self._dropped = dict(account["seconds"]), dict(account["dropped"])
 
 

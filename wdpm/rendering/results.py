@@ -59,10 +59,12 @@ def report_of(
     world = prepared.session.world
     paths = max(world.global_map.paths * times, 1)
     flux = world.unit**2 / paths  # of what was added up over all paths, in the scene's units
-    absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) * flux
-    acted = guards.added([*(slave["guards"] for slave in slaves), {guards.DROPPED: prepared.dropped}])
+    absorbed, escaped, cut = np.array(result.counted["energy"]) * flux
+    of_slaves = [slave["guards"] for slave in slaves]
+    acted = guards.added([*of_slaves, result.counted["guards"], {guards.DROPPED: prepared.dropped}])
     counts = _photon_counts(prepared, result, times)
-    lost = tuple(f"{slave} was lost; what it had counted is missing in this report" for slave in result.lost)
+    missing = "was lost; what it had counted of rays and gathers is missing in this report"
+    lost = tuple(f"{slave} {missing}" for slave in result.lost)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
@@ -132,9 +134,8 @@ def _photon_counts(prepared: Prepared, result: SessionResult, times: int) -> lis
     """Of the global, the caustic and the volume map, each made so many times."""
     world = prepared.session.world
     lights = world.lights
-    stored = np.array([slave["stored_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
+    stored, shot = (np.array(result.counted[name], np.int64) for name in ("stored_by_light", "paths_by_light"))
     power = np.bincount(lights.light, lights.power, minlength=len(lights.names)) * world.unit**2
-    shot = np.array([slave["paths_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     asked = (prepared.settings.photons, prepared.settings.caustic_photons, prepared.settings.volume_photons)
     use = _use_of_lights(result)
     counts = []
@@ -151,7 +152,7 @@ def _photon_counts(prepared: Prepared, result: SessionResult, times: int) -> lis
                         int(passed[i]),
                         int(stored[number][i]),
                         float(power[i]),
-                        None if use is None else float(use[number][i]),
+                        float(use[number][i]),
                     )
                     for i, name in enumerate(lights.names)
                 ),
@@ -160,14 +161,13 @@ def _photon_counts(prepared: Prepared, result: SessionResult, times: int) -> lis
     return counts
 
 
-def _use_of_lights(result: SessionResult) -> NDArray[np.float64] | None:
-    """The flux of each light's photons as a share of all in a map, shape [maps, lights]; None if slaves do not tell."""
-    if not all("flux_by_light" in slave for slave in result.statistics):
-        return None
-    flux = np.array([slave["flux_by_light"] for slave in result.statistics], np.float64).sum(axis=0)
+def _use_of_lights(result: SessionResult) -> NDArray[np.float64]:
+    """The flux of each light's photons as a share of all in a map, shape [maps, lights]."""
+    flux = np.array(result.counted["flux_by_light"], np.float64)
     whole = flux.sum(axis=1, keepdims=True)
     share = np.divide(flux, whole, out=np.zeros_like(flux), where=whole > 0)
-    return np.round(share, 9)  # sums of floats over slaves differ in their last bits, reports should not
+    rounded: NDArray[np.float64] = np.round(share, 9)
+    return rounded  # sums of floats over slaves differ in their last bits, reports should not
 
 
 def _slave_report(slave: dict[str, Any]) -> SlaveReport:

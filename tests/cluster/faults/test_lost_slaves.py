@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from record_rounds import PLAN, all_records, cached, made
 
 import wdpm
+from wdpm.cluster.master.statistics import photon_tables
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.records import Records, equal
@@ -125,4 +126,7 @@ def test_an_image_keeps_its_bits(monkeypatch: pytest.MonkeyPatch, team: int, cel
     for session in (prepared.session, replace(prepared.session, retrace=True)):
         result = cluster.render(session)
         assert without_cells(Image(result.layers)).digest() == expected.digest(), cluster.suffered
+        for name in photon_tables(0):  # each photon once: of slaves that are gone, too
+            counted, expected_counts = (np.array(each.counted[name]) for each in (result, undisturbed))
+            np.testing.assert_allclose(counted, expected_counts, rtol=1e-6, err_msg=f"{name}, {cluster.suffered}")
     assert len(cluster.suffered) == 6

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from fake_worker import make_session, make_view, triangles
+from fake_worker import make_session, make_view, maps_built, triangles
 from master_driver import LIMITS, A, B, Driver, broken, sent, tasks_of
 
 from wdpm.cluster.limits import ClusterLimits
@@ -34,7 +34,7 @@ def test_slaves_alone_are_handed_their_shares_with_the_view(buckets: int, first:
         driver.says(identity, p.Ready(driver.master.epoch(identity)))
     out: list[m.Instruction] = []
     for identity in (A, B):
-        out += driver.says(identity, p.MapsBuilt(driver.master.epoch(identity)))
+        out += driver.says(identity, maps_built(driver.master.epoch(identity)))
     for identity in (A, B):
         assert isinstance(sent(out, identity)[0], p.SetView)
         assert driver.says(identity, p.ViewSet(driver.master.epoch(identity))) == []

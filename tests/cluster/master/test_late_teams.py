@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of, triangles
+from fake_worker import make_session, make_view, maps_built, pixels_of, statistics_of, triangles
 from master_driver import A, B, Driver, noted, sent, tasks_of
 
 from wdpm.cluster.master import events as m
@@ -91,13 +91,13 @@ def test_it_traces_all_photons_for_itself_when_it_is_back() -> None:
     trace_all(driver, A, tasks[A])
     out = trace_all(driver, A, tasks_of(later(driver, LATE_S + 3.0), A))
     assert sent(driver.says(B, p.Ready(epoch(driver, B))), B) == []
-    out = driver.says(A, p.MapsBuilt(epoch(driver, A)))
+    out = driver.says(A, maps_built(epoch(driver, A)))
     assert driver.master.phase is Phase.BUCKETS
     alone = tasks_of(out, B)
     assert [(task.start, task.stop) for task in alone] == [(0, 100), (100, 200)]
     out = trace_all(driver, B, alone)
     assert [type(message) for message in sent(out, B)] == [p.BuildMaps]
-    assert tasks_of(driver.says(B, p.MapsBuilt(epoch(driver, B))), B)
+    assert tasks_of(driver.says(B, maps_built(epoch(driver, B))), B)
 
 
 def test_maps_do_not_wait_for_a_slave_that_is_still_sent_the_scene() -> None:
@@ -140,7 +140,7 @@ def test_a_slave_that_falls_silent_while_maps_are_built_is_done_without() -> Non
     out = driver.says(A, p.Ready(epoch(driver, A)))
     out = trace_all(driver, A, tasks_of(out, A))
     assert [type(message) for message in sent(out)] == [p.BuildMaps]
-    driver.says(A, p.MapsBuilt(epoch(driver, A)))
+    driver.says(A, maps_built(epoch(driver, A)))
     assert driver.master.phase is Phase.BUCKETS
 
 
@@ -159,12 +159,12 @@ def test_a_bucket_that_another_was_faster_with_comes_when_the_next_session_has_b
     driver, tasks = begun(A, B, view=view)
     trace_all(driver, A, tasks[A])
     trace_all(driver, B, tasks[B])
-    out = [each for identity in (A, B) for each in driver.says(identity, p.MapsBuilt(epoch(driver, identity)))]
+    out = [each for identity in (A, B) for each in driver.says(identity, maps_built(epoch(driver, identity)))]
     [[mine], [late]] = tasks_of(out, A), tasks_of(out, B)
     driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(mine, view)))
     assert tasks_of(later(driver, LATE_S + 1.0), A) == [late]
     driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(late, view)))
-    out = driver.says(A, p.Statistics(epoch(driver, A), statistics_of(make_world(1), dropped={})))
+    out = driver.says(A, p.Statistics(epoch(driver, A), statistics_of(dropped={})))
     assert m.Finished in map(type, out)
     [first, *_] = tasks_of(driver(m.Begin(make_session(2, 1, paths=450, team_size=1, view=view))), A)
     out = driver.says(B, p.TaskDone(epoch(driver, B), pixels_of(late, view)))

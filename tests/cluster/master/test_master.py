@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of, triangles
+from fake_worker import make_session, make_view, maps_built, pixels_of, statistics_of, triangles
 from master_driver import EPOCH, LIMITS, A, B, C, Driver, broken, hello, noted, sent, tasks_of
 
 from wdpm.cluster.master import events as m
@@ -91,8 +91,8 @@ def test_the_exchange_waits_for_the_last_photon() -> None:
     assert sent(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task_a.number, 100, 1.0)))) == []
     out = driver.says(B, p.TaskDone(EPOCH, PhotonsTraced(task_b.number, 100, 1.0)))
     assert sent(out, A) == sent(out, B) == [p.BuildMaps(EPOCH)]
-    assert sent(driver.says(A, p.MapsBuilt(EPOCH))) == []
-    assert [type(message) for message in sent(driver.says(B, p.MapsBuilt(EPOCH)))] == [p.SetView, p.SetView]
+    assert sent(driver.says(A, maps_built(EPOCH))) == []
+    assert [type(message) for message in sent(driver.says(B, maps_built(EPOCH)))] == [p.SetView, p.SetView]
 
 
 def test_buckets_to_the_end() -> None:
@@ -106,7 +106,7 @@ def test_buckets_to_the_end() -> None:
         out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, view)))
         pending += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
     assert sent(out) == [p.ReadStatistics(EPOCH)] * 2
-    of_a, of_b = (statistics_of(make_world(2), triangles=count, dropped={}) for count in (1, 2))
+    of_a, of_b = (statistics_of(triangles=count, dropped={}) for count in (1, 2))
     driver.says(B, p.Statistics(EPOCH, of_b))
     [finished] = driver.says(A, p.Statistics(EPOCH, of_a))
     assert isinstance(finished, m.Finished)
@@ -194,10 +194,10 @@ def test_a_bucket_that_does_not_fit_ends_the_render(fault: str) -> None:
     "wrong",
     [
         {},
-        statistics_of(make_world(2)),
-        statistics_of(make_world(2), dropped={}, more=1),
+        statistics_of(),
+        statistics_of(dropped={}, more=1),
         *(
-            statistics_of(make_world(2), **{"dropped": {}, name: value})
+            statistics_of(**{"dropped": {}, name: value})
             for name, value in (
                 ("triangles", "many"),
                 ("triangles", -1),
@@ -206,9 +206,7 @@ def test_a_bucket_that_does_not_fit_ends_the_render(fault: str) -> None:
                 ("guards", {"a": "b"}),
                 ("cells", [2]),
                 ("photons", [1, 2]),
-                ("flux_by_light", [[1.0]] * 2),
-                ("stored_by_light", [[1.5]] * 3),
-                ("energy", None),
+                ("ghosts", [1, 2, 1.5]),
             )
         ),
     ],
@@ -237,7 +235,7 @@ def test_a_message_of_another_epoch_is_dropped(epoch: int) -> None:
 
 @pytest.mark.parametrize(
     "message",
-    [p.Ready(EPOCH), p.MapsBuilt(EPOCH), p.ViewSet(EPOCH), p.Statistics(EPOCH, {}), p.PhotonsForgotten(EPOCH)],
+    [p.Ready(EPOCH), p.MapsBuilt(EPOCH, {}), p.ViewSet(EPOCH), p.Statistics(EPOCH, {}), p.PhotonsForgotten(EPOCH)],
 )
 def test_an_answer_out_of_turn_ends_the_render(message: p.FromSlave) -> None:
     driver = Driver()
@@ -322,7 +320,7 @@ def test_buckets_that_are_done_stay() -> None:
     driver.says(A, p.PartitionReceived(epoch, 1))
     pending = driver.says(A, p.Ready(epoch))
     assert sent(pending) == [p.BuildMaps(epoch)]  # no photon path is to be traced in this scene
-    pending = driver.says(A, p.MapsBuilt(epoch))
+    pending = driver.says(A, maps_built(epoch))
     assert driver.says(A, p.ViewSet(epoch)) == []  # alone in its team, it was handed tasks with the view
     numbers = set()
     while tasks := tasks_of(pending, A):
@@ -333,7 +331,7 @@ def test_buckets_that_are_done_stay() -> None:
     assert second.number in numbers
     assert first.number not in numbers
     assert sent(pending) == [p.ReadStatistics(epoch)]
-    values = statistics_of(make_world(2), dropped={})
+    values = statistics_of(dropped={})
     [finished] = driver.says(A, p.Statistics(epoch, values))
     assert isinstance(finished, m.Finished)
     assert finished.result.lost == ("slave 1 (host, process 1)",)
@@ -394,7 +392,7 @@ def test_a_task_that_takes_very_long_is_given_to_another_slave() -> None:
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
         driver.says(identity, p.Ready(driver.master.epoch(identity)))
-    out = [i for identity in (A, B) for i in driver.says(identity, p.MapsBuilt(driver.master.epoch(identity)))]
+    out = [i for identity in (A, B) for i in driver.says(identity, maps_built(driver.master.epoch(identity)))]
     late, pending = tasks_of(out, A), tasks_of(out, B)
     assert late
     view = make_view(64, 32, 16)
@@ -419,13 +417,13 @@ def test_a_team_that_sets_the_view_when_all_is_rendered_is_asked_what_it_counted
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
         driver.says(identity, p.Ready(driver.master.epoch(identity)))
     of_a, of_b = (driver.master.epoch(identity) for identity in (A, B))
-    driver.says(A, p.MapsBuilt(of_a))
-    [task] = tasks_of(driver.says(B, p.MapsBuilt(of_b)), A)
+    driver.says(A, maps_built(of_a))
+    [task] = tasks_of(driver.says(B, maps_built(of_b)), A)
     out = driver.says(A, p.TaskDone(of_a, pixels_of(task, view)))
     assert (sent(out, A), sent(out, B)) == ([p.ReadStatistics(of_a)], [p.ReadStatistics(of_b)])
-    assert driver.says(A, p.Statistics(of_a, statistics_of(make_world(1), dropped={}))) == []
+    assert driver.says(A, p.Statistics(of_a, statistics_of(dropped={}))) == []
     assert driver.says(B, p.ViewSet(of_b)) == []
-    [finished] = driver.says(B, p.Statistics(of_b, statistics_of(make_world(1), dropped={})))
+    [finished] = driver.says(B, p.Statistics(of_b, statistics_of(dropped={})))
     assert isinstance(finished, m.Finished)
     assert [of_slave["slave"] for of_slave in finished.result.statistics] == [0, 1]
 
@@ -478,7 +476,7 @@ def test_task_numbers_never_repeat() -> None:
     photons = [*tasks_of(driver.to_photons(paths=200), A), PhotonTask(1, 100, 200)]
     for identity, task in zip((A, B), photons, strict=True):
         driver.says(identity, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0)))
-    for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+    for answer in (maps_built(EPOCH), p.ViewSet(EPOCH)):
         driver.says(A, answer)
         out = driver.says(B, answer)
     buckets = tasks_of(out, A) + tasks_of(out, B)

@@ -22,7 +22,7 @@ ACCOUNT: dict[str, Any] = {
 @pytest.mark.parametrize("account", [{}, ACCOUNT])
 def test_a_slave_may_keep_an_account(account: dict[str, Any]) -> None:
     world = make_world(2)
-    check_statistics(statistics_of(world, dropped={}, **account), world)
+    check_statistics(statistics_of(dropped={}, **account), world)
 
 
 @pytest.mark.parametrize("name", sorted(ACCOUNT))
@@ -30,7 +30,7 @@ def test_it_is_whole(name: str) -> None:
     world = make_world(2)
     rest = {other: value for other, value in ACCOUNT.items() if other != name}
     with pytest.raises(ProtocolError, match=f"without .'{name}'"):
-        check_statistics(statistics_of(world, dropped={}, **rest), world)
+        check_statistics(statistics_of(dropped={}, **rest), world)
 
 
 @pytest.mark.parametrize(
@@ -52,4 +52,4 @@ def test_it_is_whole(name: str) -> None:
 def test_its_figures_are_what_they_should_be(name: str, value: object) -> None:
     world = make_world(2)
     with pytest.raises(ProtocolError, match=f"Statistics: {name} is "):
-        check_statistics(statistics_of(world, dropped={}, **{**ACCOUNT, name: value}), world)
+        check_statistics(statistics_of(dropped={}, **{**ACCOUNT, name: value}), world)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from fake_worker import make_session, make_view, triangles
+from fake_worker import make_session, make_view, maps_built, triangles
 from master_driver import LIMITS, VERSIONS, A, B, Driver, hello
 from record_rounds import cached
 
@@ -135,6 +135,6 @@ def test_buckets_are_cut_for_cores_that_there_are(cores: dict[str, int], cut_for
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
         driver.says(identity, p.Ready(driver.master.epoch(identity)))
-    out = [each for one in (A, B) for each in driver.says(one, p.MapsBuilt(driver.master.epoch(one)))]
+    out = [each for one in (A, B) for each in driver.says(one, maps_built(driver.master.epoch(one)))]
     assert m.Started("render", len(buckets(view, cut_for, 0))) in out
     assert len(buckets(view, 2, 0)) > len(buckets(view, 1, 0)) == 16

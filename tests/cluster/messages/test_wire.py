@@ -128,7 +128,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Ready: st.builds(p.Ready, epochs),
     p.TaskDone: st.builds(p.TaskDone, epochs, results),
     p.Vitals: vitals,
-    p.MapsBuilt: st.builds(p.MapsBuilt, epochs),
+    p.MapsBuilt: st.builds(p.MapsBuilt, epochs, st.dictionaries(texts, plain, max_size=4)),
     p.ViewSet: st.builds(p.ViewSet, epochs),
     p.RecordsSet: st.builds(p.RecordsSet, epochs),
     p.PhotonsForgotten: st.builds(p.PhotonsForgotten, epochs),

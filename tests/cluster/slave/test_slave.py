@@ -240,7 +240,7 @@ def test_copies_go_to_other_teams() -> None:
         driver.peer(p.PeerBatches(EPOCH, (theirs,)))
         out = driver.computed(c.HandleBatches((theirs,)))
     assert jobs(out) == [c.FinishMaps()]
-    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
+    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH, {})]
 
 
 def test_trees_that_are_not_worth_sharing_are_built_at_once() -> None:
@@ -356,7 +356,7 @@ def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
         out = driver.computed(c.HandleBatches((ghosts,)))
     assert jobs(out) == [c.BuildMaps()]
     assert jobs(driver.computed(c.BuildMaps())) == [c.FinishMaps()]
-    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
+    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH, {})]
 
 
 def test_too_many_ghosts_are_an_error() -> None:
