@@ -60,6 +60,7 @@ class Reached:
         by_law: what it would take by path tracing, which was not rendered with so many samples; None where it was, and
             where another way is asked for.
         mitsuba: what Mitsuba takes there.
+        rejected: where only the first seed reached it: what came nearest of what was rendered with others.
     """
 
     target: Target
@@ -67,6 +68,7 @@ class Reached:
     wdpm: Try | None
     by_law: Answer | None
     mitsuba: Answer
+    rejected: Try | None = None
 
     @property
     def cost(self) -> Cost | None:
@@ -195,9 +197,10 @@ class PeerFigures:
         for each in missed.values():
             tries = [done for done in self.tries if done.member.family in families[each.way]]
             if tries:
-                best = min(tries, key=lambda done: each.target.error_in(done.errors))
+                best = each.rejected or min(tries, key=lambda done: each.target.error_in(done.errors))
                 found = f"the best has {each.target.error_in(best.errors):.3g} ({best.member.name})"
-                yield f"-: of {each.way} nothing tried reaches it; {found}."
+                seeds = " with other seeds, as one did with the first" if each.rejected else ""
+                yield f"-: of {each.way} nothing tried reaches it{seeds}; {found}."
 
 
 def mean_try(tries: Sequence[Try], member: Member) -> Try:

@@ -115,6 +115,9 @@ def measure(
         measure_mitsuba(renders, bounds, progress)
         targets = targets_of(bounds, renders.points)
         chosen = [(way, _Comparison(renders, targets, bounds, progress, way)) for way in ways]
+        for target in targets:
+            for _, comparison in chosen:
+                comparison.confirm(target)
         reached = [comparison.reached(target) for target in targets for _, comparison in chosen]
     tried = {done.member: done for _, comparison in chosen for done in comparison.tries}
     skipped = {member: None for _, comparison in chosen for member in comparison.skipped if member not in tried}
@@ -247,6 +250,10 @@ class _Renders:
             self._confirmed[member] = Confirmed(mean_try(ours, member), tuple(theirs))
         return self._confirmed[member]
 
+    def of(self, way: Way) -> list[Confirmed]:
+        """What was rendered with other seeds, of one way."""
+        return [done for member, done in self._confirmed.items() if member.family in way.families]
+
     def _spp_in(self, cpu_s: float) -> int:
         """Samples of Mitsuba in about that time, of those that share a kernel."""
         longest = max(self.points, key=lambda point: point.spp)
@@ -304,14 +311,26 @@ class _Comparison:
         self._targets = targets
         self._progress = progress
         self._way = way
+        self._least: dict[Target, Confirmed] = {}
         self._limit_cpu_s = bounds.limit_s * renders.threads
         # What reaches all errors reaches each, so nothing slower is of use.
         self._enough_s = math.inf
         self._sweep()
 
-    def reached(self, target: Target) -> Reached:
-        """The least that reaches an error, also with other seeds."""
+    def confirm(self, target: Target) -> None:
+        """Look for what reaches an error, also with other seeds."""
         self._progress.start(f"confirm {self._way.name}: {target.name}")
+        for guess in sorted(guesses(self.tries, target), key=lambda each: each.cpu_s):
+            member, cpu_s = guess.member, guess.cpu_s
+            while member.spp <= OVERSHOOT * guess.enough_spp:
+                confirmed = self._renders.confirmed(member, cpu_s)
+                if target.reached_by(confirmed.wdpm.errors):
+                    self._least[target] = confirmed
+                    return
+                member, cpu_s = replace(member, spp=math.ceil(SPP_STEP * member.spp)), SPP_STEP * cpu_s
+
+    def reached(self, target: Target) -> Reached:
+        """The least that reaches an error, when what reaches any of them was looked for."""
         ours, points = self._least_to(target), self._renders.points
         law = target.law(points)
         speed = None if ours is None else ours.speed
@@ -319,7 +338,10 @@ class _Comparison:
         own = None
         if ours is None and self._way.families == (FEW_PATHS,) and self.tries:
             own = self._own_law(target).beyond(target.error)
-        return Reached(target, self._way.name, None if ours is None else ours.wdpm, own, theirs)
+        lucky = ours is None and any(target.reached_by(done.errors) for done in self.tries)
+        others = [confirmed.wdpm for confirmed in self._renders.of(self._way)] if lucky else []
+        rejected = min(others, key=lambda done: target.error_in(done.errors), default=None)
+        return Reached(target, self._way.name, None if ours is None else ours.wdpm, own, theirs, rejected)
 
     def _own_law(self, target: Target) -> ErrorLaw:
         return target.law([Point(done.member.spp, done.errors, done.cost) for done in self.tries])
@@ -338,14 +360,11 @@ class _Comparison:
             self._progress.advance()
 
     def _least_to(self, target: Target) -> Confirmed | None:
-        for guess in sorted(guesses(self.tries, target), key=lambda each: each.cpu_s):
-            member, cpu_s = guess.member, guess.cpu_s
-            while member.spp <= OVERSHOOT * guess.enough_spp:
-                confirmed = self._renders.confirmed(member, cpu_s)
-                if target.reached_by(confirmed.wdpm.errors):
-                    return confirmed
-                member, cpu_s = replace(member, spp=math.ceil(SPP_STEP * member.spp)), SPP_STEP * cpu_s
-        return None
+        """What was found; or else what was confirmed for another error, and reaches this one as well."""
+        if target in self._least:
+            return self._least[target]
+        enough = [each for each in self._renders.of(self._way) if target.reached_by(each.wdpm.errors)]
+        return min(enough, key=lambda each: each.wdpm.cost.cpu_s, default=None)
 
     def _try(self, member: Member) -> None:
         for less in (each for each in self.tries if member.adds_to(each.member)):
