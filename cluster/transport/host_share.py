@@ -58,11 +58,14 @@ class Claim:
         try:
             memory, view = _sealed(parts)
         except OSError:
-            _write(self._file, NOBODY)  # so that others need not wait for each other
+            _written(self._file, NOBODY)  # so that others need not wait for each other
+            return None
+        there = os.fstat(memory)
+        entry = f"{os.getpid()} {memory} {there.st_dev} {there.st_ino} {there.st_size}\n".encode()
+        if not _written(self._file, entry):
+            os.close(memory)
             return None
         weakref.finalize(view, _let_go, memory, self._path)
-        there = os.fstat(memory)
-        _write(self._file, f"{os.getpid()} {memory} {there.st_dev} {there.st_ino} {there.st_size}\n".encode())
         return memoryview(view)
 
 
@@ -179,9 +182,14 @@ def _prefer_large_pages(view: mmap.mmap) -> None:
         view.madvise(mmap.MADV_HUGEPAGE)
 
 
-def _write(file: int, entry: bytes) -> None:
-    os.ftruncate(file, 0)
-    os.pwrite(file, entry, 0)
+def _written(file: int, entry: bytes) -> bool:
+    """Write where something is; False if the disk has no room for that."""
+    try:
+        os.ftruncate(file, 0)
+        os.pwrite(file, entry, 0)
+    except OSError:
+        return False
+    return True
 
 
 def _found(entry: bytes) -> memoryview | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -202,6 +203,23 @@ def test_where_nothing_can_be_shared_nobody_waits(tmp_path: Path, monkeypatch: p
         assert isinstance(one, Claim)
         assert isinstance(other, Claim)
         assert one.found is other.found is None
+
+
+@if_shared
+def test_where_the_disk_is_full_everyone_makes_his_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An entry is a few bytes in a file, for which there may be no room."""
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(host_share.os, "pwrite", full)
+    open_files = len(os.listdir("/proc/self/fd"))
+    for _ in range(2):
+        with HostShare(tmp_path).claim("tree") as claim:
+            assert claim is not None
+            assert claim.found is None
+            assert claim.publish(CONTENT) is None
+    assert len(os.listdir("/proc/self/fd")) == open_files
 
 
 def test_a_folder_that_is_gone_stops_nobody(tmp_path: Path) -> None:
