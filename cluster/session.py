@@ -82,6 +82,7 @@ class SessionResult:
         records: irradiance records, those that were there already included.
         record_rays: gather rays that were shot for them.
         lost: slaves that were lost, whose statistics are missing.
+        unheard: slaves whose statistics are missing, as they were still at tasks that others were faster with.
     """
 
     layers: dict[str, NDArray[np.float32]]
@@ -93,6 +94,7 @@ class SessionResult:
     records: Records = NO_RECORDS
     record_rays: int = 0
     lost: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
 
     @property
     def paths(self) -> int:

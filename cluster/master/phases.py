@@ -319,7 +319,10 @@ class Phases:
 
     def _finish(self) -> list[Instruction]:
         statistics = [member.statistics for member in self._members if member.statistics] or [of_nobody()]
-        result = self.tasks.end(statistics, self._seconds, self._dropped, tuple(map(str, self._lost)))
+        at_work = [team for team in self.roster.teams if team.at_work and team.view == self._view]  # at others' tasks
+        unheard = [member for team in at_work for member in team.members if not member.statistics]
+        missing = tuple(map(str, self._lost)), tuple(map(str, unheard))
+        result = self.tasks.end(statistics, self._seconds, self._dropped, *missing)
         self.phase, self.session = Phase.IDLE, None
         for team in self.roster.teams:
             if not team.ready:  # its cells would be those of a session that has ended

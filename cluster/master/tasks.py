@@ -268,6 +268,7 @@ class Tasks:
         seconds: dict[str, float],
         dropped: Mapping[str, int],
         lost: tuple[str, ...],
+        unheard: tuple[str, ...] = (),
     ) -> SessionResult:
         """All is done: what came of the session. Image, records and tasks are let go of.
 
@@ -283,7 +284,7 @@ class Tasks:
         self._begin(())
         photons, counted, records = self.photons, self.counted, rounds.records
         return SessionResult(
-            film.layers, statistics, photons, counted, seconds, dict(dropped), records, rounds.rays, lost
+            film.layers, statistics, photons, counted, seconds, dict(dropped), records, rounds.rays, lost, unheard
         )
 
     def _keep(self, task: Task, result: TaskResult) -> None:

@@ -52,7 +52,8 @@ class PassAverage:
         self._counted: dict[str, Any] = {}
         self._seconds: dict[str, float] = {}
         self._dropped: dict[str, int] = {}
-        self._lost: tuple[str, ...] = ()  # since this process began
+        self._lost: tuple[str, ...] = ()  # since this process began ...
+        self._unheard: tuple[str, ...] = ()  # ... as these
         self._adaptive = AdaptiveSamples(prepared) if prepared.settings.adaptive else None
 
     @property
@@ -134,7 +135,14 @@ class PassAverage:
         """The mean, the error layers, and the report of all passes together."""
         traced, seconds = (self._traced,), dict(self._seconds)
         together = SessionResult(
-            self.layers(), self._statistics, traced, self._counted, seconds, self._dropped, lost=self._lost
+            self.layers(),
+            self._statistics,
+            traced,
+            self._counted,
+            seconds,
+            self._dropped,
+            lost=self._lost,
+            unheard=self._unheard,
         )
         return image_of(self._prepared, together, tuple(self._reports), self.error())
 
@@ -175,6 +183,7 @@ class PassAverage:
             self._seconds[phase] = self._seconds.get(phase, 0.0) + seconds
         self._dropped = merged(self._dropped, outcome.dropped)
         self._lost += outcome.lost
+        self._unheard += outcome.unheard
 
     # What a journal keeps (pass_journal).
 

@@ -63,8 +63,9 @@ def report_of(
     of_slaves = [slave["guards"] for slave in slaves]
     acted = guards.added([*of_slaves, result.counted["guards"], {guards.DROPPED: prepared.dropped}])
     counts = _photon_counts(prepared, result, times)
-    missing = "was lost; what it had counted of rays and gathers is missing in this report"
-    lost = tuple(f"{slave} {missing}" for slave in result.lost)
+    missing = "what it had counted of rays and gathers is missing in this report"
+    lost = tuple(f"{slave} was lost; {missing}" for slave in result.lost)
+    unheard = tuple(f"{slave} was still at work when all was rendered; {missing}" for slave in result.unheard)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
@@ -92,7 +93,7 @@ def report_of(
         chose=prepared.chose,
         left_out=prepared.left_out,
         approximated=prepared.approximated,
-        warnings=prepared.warnings + lost + _unshared(slaves),
+        warnings=prepared.warnings + lost + unheard + _unshared(slaves),
         passes=passes,
         sampled=_sampled(result),
         error=error,

@@ -165,7 +165,9 @@ def test_a_bucket_that_another_was_faster_with_comes_when_the_next_session_has_b
     assert tasks_of(later(driver, LATE_S + 1.0), A) == [late]
     driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(late, view)))
     out = driver.says(A, p.Statistics(epoch(driver, A), statistics_of(dropped={})))
-    assert m.Finished in map(type, out)
+    [finished] = [each for each in out if isinstance(each, m.Finished)]
+    assert [len(finished.result.statistics), finished.result.lost] == [1, ()]
+    assert [name.split()[:2] for name in finished.result.unheard] == [["slave", "1"]], "what it counted is not known"
     [first, *_] = tasks_of(driver(m.Begin(make_session(2, 1, paths=450, team_size=1, view=view))), A)
     out = driver.says(B, p.TaskDone(epoch(driver, B), pixels_of(late, view)))
     assert tasks_of(out, B), "it has nothing more to do of the last session"
