@@ -9,8 +9,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.slave.process import PATIENCE_S, run_slave
-from wdpm.cluster.transport import local_sockets
+from wdpm.cluster.transport import local_sockets, open_files
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.parent_watch import has_ended
 from wdpm.cluster.transport.parent_watch import life_line as line_to_watch
@@ -78,6 +79,7 @@ def serve(
         check_device(device)
     if memory is not None:
         limit_memory(memory)
+    open_files.allow(MOST_SLAVES)
 
     scene = ""  # that a worker is made for
     neighbours = local_sockets.shared_with(master)

@@ -25,6 +25,7 @@ from wdpm.cluster.master.observing import tell_display, tell_keeper, tell_observ
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.transport import open_files
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.mailbox import Mailbox
 from wdpm.cluster.transport.registry import transport_of
@@ -55,7 +56,7 @@ class MasterServer:
         observers: are told what happens to the cluster, on a thread of the master's own.
 
     Raises:
-        SettingsError: more slaves than can be.
+        SettingsError: more slaves than can be, or than this process may have connections with.
         ClusterError: it cannot listen there.
     """
 
@@ -74,6 +75,7 @@ class MasterServer:
         together = max(slaves, most or 0)
         if together > MOST_SLAVES:
             raise SettingsError(f"{together} slaves: at most {MOST_SLAVES} can be connected with each other")
+        open_files.require(together)
         self._slaves = slaves
         self._noted_wait = False
         self._closed = False
