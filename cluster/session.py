@@ -83,6 +83,7 @@ class SessionResult:
         record_rays: gather rays that were shot for them.
         lost: slaves that were lost, whose statistics are missing.
         unheard: slaves whose statistics are missing, as they were still at tasks that others were faster with.
+        went_on: whether some of it was done before an interruption, of which statistics are missing.
     """
 
     layers: dict[str, NDArray[np.float32]]
@@ -95,6 +96,7 @@ class SessionResult:
     record_rays: int = 0
     lost: tuple[str, ...] = ()
     unheard: tuple[str, ...] = ()
+    went_on: bool = False
 
     @property
     def paths(self) -> int:

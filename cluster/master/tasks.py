@@ -67,6 +67,7 @@ class Tasks:
         self.film: Film | None = None
         self.rounds: RecordRounds | None = None
         self.counted: dict[str, Any] = {}
+        self._went_on = False
         self._photons: dict[int, PhotonsTraced] = {}  # by first path
         self._paths: list[tuple[int, int]] = []
         self._waiting = Waiting()
@@ -147,6 +148,7 @@ class Tasks:
         tasks = buckets(view, at_once, self._next_number, there)
         self._next_number += len(tasks)
         used = [there[rectangle_of(task)] for task in tasks if rectangle_of(task) in there]
+        self._went_on = bool(used)
         for each in used:
             self.film.put(each.task, each.result)
         cells = {task.number: cell_of_bucket(session, task) for task in tasks}
@@ -282,9 +284,18 @@ class Tasks:
             raise AssertionError("a session ended without a film")
         self.film = self.rounds = None
         self._begin(())
-        photons, counted, records = self.photons, self.counted, rounds.records
         return SessionResult(
-            film.layers, statistics, photons, counted, seconds, dict(dropped), records, rounds.rays, lost, unheard
+            film.layers,
+            statistics,
+            self.photons,
+            self.counted,
+            seconds,
+            dict(dropped),
+            rounds.records,
+            rounds.rays,
+            lost,
+            unheard,
+            self._went_on or rounds.kept > 0,
         )
 
     def _keep(self, task: Task, result: TaskResult) -> None:

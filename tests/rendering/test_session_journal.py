@@ -116,6 +116,8 @@ def test_an_interrupted_render_goes_on_to_the_same_bits(interrupted: Interrupted
         log.left = done
         image = render(interrupted.scene, log, workers, bucket=bucket)
         assert image.digest() == interrupted.digest
+        [uncounted] = [each for each in image.metadata["report"]["warnings"] if "missing in this report" in each]
+        assert "finished before this render went on" in uncounted
         buckets = 3 * 2
         assert sum(1 for _ in read_records(path)) - 1 >= buckets  # the journal is whole at the end
         assert done - log.left >= buckets - len(interrupted.kept.buckets)

@@ -54,6 +54,7 @@ class PassAverage:
         self._dropped: dict[str, int] = {}
         self._lost: tuple[str, ...] = ()  # since this process began ...
         self._unheard: tuple[str, ...] = ()  # ... as these
+        self._went_on = False  # ... or before
         self._adaptive = AdaptiveSamples(prepared) if prepared.settings.adaptive else None
 
     @property
@@ -143,6 +144,7 @@ class PassAverage:
             self._dropped,
             lost=self._lost,
             unheard=self._unheard,
+            went_on=self._went_on,
         )
         return image_of(self._prepared, together, tuple(self._reports), self.error())
 
@@ -184,6 +186,7 @@ class PassAverage:
         self._dropped = merged(self._dropped, outcome.dropped)
         self._lost += outcome.lost
         self._unheard += outcome.unheard
+        self._went_on |= outcome.went_on
 
     # What a journal keeps (pass_journal).
 

@@ -63,9 +63,6 @@ def report_of(
     of_slaves = [slave["guards"] for slave in slaves]
     acted = guards.added([*of_slaves, result.counted["guards"], {guards.DROPPED: prepared.dropped}])
     counts = _photon_counts(prepared, result, times)
-    missing = "what it had counted of rays and gathers is missing in this report"
-    lost = tuple(f"{slave} was lost; {missing}" for slave in result.lost)
-    unheard = tuple(f"{slave} was still at work when all was rendered; {missing}" for slave in result.unheard)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
@@ -93,12 +90,23 @@ def report_of(
         chose=prepared.chose,
         left_out=prepared.left_out,
         approximated=prepared.approximated,
-        warnings=prepared.warnings + lost + unheard + _unshared(slaves),
+        warnings=prepared.warnings + _uncounted(result) + _unshared(slaves),
         passes=passes,
         sampled=_sampled(result),
         error=error,
         settings=_settings(prepared, passes),
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
+    )
+
+
+def _uncounted(result: SessionResult) -> tuple[str, ...]:
+    """Whose counts of rays and gathers the report has not."""
+    missing = "what {} of rays and gathers is missing in this report"
+    of_slave, before = missing.format("it had counted"), missing.format("was counted before")
+    return (
+        *(f"{slave} was lost; {of_slave}" for slave in result.lost),
+        *(f"{slave} was still at work when all was rendered; {of_slave}" for slave in result.unheard),
+        *([f"some of the image was finished before this render went on; {before}"] if result.went_on else ()),
     )
 
 
