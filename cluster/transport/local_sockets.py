@@ -68,13 +68,13 @@ def address_for_master() -> Iterator[str | None]:
     """An address in a folder of its own, which is removed at the end; None where there can be none.
 
     That is on Windows, whose folders have no owner and mode in this sense, and where paths of temporary files are too
-    long.
+    long, or have letters that no endpoint has (messages.checks).
     """
     folder = Path(tempfile.mkdtemp(prefix="wdpm-")) if os.name == "posix" else None
     try:
         address = f"{SCHEME}{folder}/{MASTER}"
         fits = folder is not None and len(os.fsencode(folder)) + 2 + 2 * _NAME_BYTES <= LONGEST
-        yield address if fits else None
+        yield address if fits and address.isascii() and address.isprintable() else None
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)

@@ -93,8 +93,11 @@ def test_who_has_keys_is_not_led_to_a_socket_without(folder: Path) -> None:
     network.close()
 
 
-def test_where_paths_are_too_long_slaves_get_keys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    deep = tmp_path / (90 * "a")
+@pytest.mark.parametrize("name", [90 * "a", "jürgen"])
+def test_where_paths_are_too_long_or_odd_slaves_get_keys(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = folder / name
     deep.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(deep))
     with wdpm.Cluster.local(slaves=1) as cluster:
