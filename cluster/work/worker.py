@@ -6,7 +6,8 @@ Batches between its own cells and homes never leave it. All others are put in th
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -73,7 +74,7 @@ class CellWorker:
         self.number = number
         self.holders = tuple(holders)
         shared = host_cache if host_cache is not None and len(self.holders) == 1 else HostCache()
-        self.replica = Replica(world, launcher, number, shared, self._trace_all)
+        self.replica = Replica(world, launcher, number, shared, _not_held(self._trace_all))
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
@@ -364,9 +365,9 @@ class CellWorker:
         return {
             "cells": list(self.cells),
             "triangles": sum(cell.triangle_count for cell in cells),
-            "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
-            "copies": _whole(np.sum([cell.store.copy_count for cell in cells], axis=0)),
-            "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
+            "photons": np.sum([cell.store.count for cell in cells], axis=0).tolist(),
+            "copies": np.sum([cell.store.copy_count for cell in cells], axis=0).tolist(),
+            "ghosts": np.sum([cell.store.ghost_count for cell in cells], axis=0).tolist(),
             "gathers": sum(cell.gathers.gathers for cell in cells),
             "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
             "gathers_left_band": sum(cell.gathers.left_band for cell in cells),
@@ -485,5 +486,13 @@ class CellWorker:
         outbox.batches.append(batch)
 
 
-def _whole(counts: Iterable[int]) -> list[int]:
-    return [int(count) for count in counts]
+def _not_held(method: Callable[[], None]) -> Callable[[], None]:
+    """A method of an object that this does not keep: files and memory of a scene go with the last who needs them."""
+    weak = weakref.WeakMethod(method)
+
+    def call() -> None:
+        alive = weak()
+        if alive is not None:
+            alive()
+
+    return call
