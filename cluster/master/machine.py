@@ -276,7 +276,7 @@ class Master:
     def _lose(self, member: Member, reason: str, now: float) -> list[Instruction]:
         """A slave is gone; others go on with what it did."""
         self._members.lose(member)
-        left = f"{len(self._members)} of {self._members.expected} left"
+        left = f"{self._there} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
         in_team = self._phases.roster.team_of(member) is not None  # or nobody begins anew for it
         too_many = self._count_setback(f"{member} is lost: {reason}", member) if in_team else []
@@ -287,6 +287,12 @@ class Master:
             return out
         self._deserted = (now, f"{member} is lost: {reason}")
         return out
+
+    @property
+    def _there(self) -> str:
+        """How many slaves are there, of those that it waits for at first, later of those that it lets in."""
+        waits = self.phase is Phase.JOINING
+        return f"{len(self._members)} of {self._members.expected if waits else self._members.most}"
 
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
         out: list[Instruction] = []
@@ -312,7 +318,7 @@ class Master:
         threads = _counted(hello.threads, "thread")
         out += [
             Send(identity, welcome),
-            Noted(f"{member} joined, {threads} ({len(self._members)} of {self._members.expected})"),
+            Noted(f"{member} joined, {threads} ({self._there})"),
         ]
         if self.phase is Phase.JOINING:
             return out + self._begin_if_all_came(now)

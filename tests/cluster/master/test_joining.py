@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 from fake_worker import make_session
-from master_driver import A, B, C, Driver, hello, sent
+from master_driver import LIMITS, VERSIONS, A, B, C, Driver, hello, noted, sent
 from slow_slaves import AGREED
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.machine import Phase
+from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import protocol as p
 from wdpm.scenes.errors import ClusterError
@@ -181,3 +181,12 @@ def test_a_render_without_slaves_ends() -> None:
         pytest.raises(ClusterError, match=r"no slave has joined within 0\.3 s, of 1"),
     ):
         master.slaves()
+
+
+def test_of_how_many_slaves_one_more_joined_is_true_also_later() -> None:
+    """`--slaves 1..3` begins with one, and lets in two more."""
+    driver = Driver()
+    driver.master = Master(1, VERSIONS, LIMITS, 3)
+    assert "(1 of 1)" in noted(driver.says(A, hello(0)))
+    assert "(2 of 3)" in noted(driver.says(B, hello(1)))
+    assert "; 1 of 3 left" in noted(driver(m.SlaveLost(B, "killed")))
