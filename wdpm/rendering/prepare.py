@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import hashlib
 import math
 import time
@@ -251,12 +250,11 @@ def _allotment_in_words(allotment: Allotment) -> tuple[str, ...]:
 def forget_pilot(prepared: Prepared) -> None:
     """Give back to the system what a pilot took that nobody goes on with: a tree and tables of the whole scene."""
     if prepared.pilot is None and prepared.triangles >= WORTH_FORGETTING:
-        gc.collect()  # a worker refers to itself in circles
         return_free_memory()
 
 
 WORTH_FORGETTING = 1 << 18
-"""Triangles, of which a pilot takes some 70 bytes each: fewer are not worth the 50 ms that the collector takes."""
+"""Triangles, of which a pilot takes some 70 bytes each: memory of fewer may stay with the allocator."""
 
 
 def _lost(flat: FlatScene, world: World, settings: RenderSettings) -> tuple[str, ...]:

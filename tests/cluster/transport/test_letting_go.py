@@ -16,7 +16,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
-from wdpm.rendering.prepare import Prepared, forget_pilot, prepare
+from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.rendering.spool import spooled
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.arrays import ARRAYS, Triangles
@@ -63,7 +63,6 @@ def test_what_was_spooled_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_of_the_pilot_stays_with_a_master(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wdpm.rendering.prepare.WORTH_FORGETTING", 1)
     cells: list[weakref.ref[Cell]] = []
     make = Cell.__init__
 
@@ -74,9 +73,8 @@ def test_nothing_of_the_pilot_stays_with_a_master(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(Cell, "__init__", made)
     gc.disable()  # until what is left has been counted
     try:
-        prepared = prepared_for(4)
-        assert any(cell() for cell in cells)
-        forget_pilot(prepared)
+        prepared_for(4)
+        assert cells
         assert not any(cell() for cell in cells)
     finally:
         gc.enable()
