@@ -116,6 +116,25 @@ def read_by_lines(file: Path) -> ObjFile:
     return _Parser(file).parse(file.read_text(encoding="utf-8-sig", errors="replace"))
 
 
+def uncolored_vertex(file: Path) -> int:
+    """The line of the first vertex without a colour, or with words for one, of a file that is partly coloured.
+
+    Readers do not keep it, as lines take more room than vertices, and such files are rare.
+    """
+    for line, words in _lines(file.read_text(encoding="utf-8-sig", errors="replace")):
+        if words[0] == "v" and not (len(words) == 7 and all(_is_number(word) for word in words[4:])):
+            return line
+    raise AssertionError("asked for a file in which all vertices have colours")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 class _Parser:
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -165,8 +184,9 @@ class _Parser:
             self._attributes(indices[first, 0]),
         )
         warnings = unknown_keywords(self.file.name, self.unknown)
+        partly_colored = bool(self.colors) and not mesh.attributes
         face_material = np.array(self.faces.materials, dtype=np.int32)[polygon]
-        return ObjFile(mesh, tuple(self.materials), face_material, tuple(self.libraries), warnings)
+        return ObjFile(mesh, tuple(self.materials), face_material, tuple(self.libraries), warnings, partly_colored)
 
     def _attributes(self, vertices: NDArray[np.int64]) -> dict[str, VertexAttribute]:
         """The vertices' colours, if all have some."""

@@ -32,6 +32,8 @@ class ObjFile:
         face_material: index into materials for every triangle, int32, shape [F].
         libraries: file names from `mtllib`, with the line they are in.
         warnings: what was not understood.
+        partly_colored: whether there are colours behind the positions of some vertices alone, or words that are none;
+            such colours are not kept.
     """
 
     mesh: MeshData
@@ -39,6 +41,7 @@ class ObjFile:
     face_material: NDArray[np.int32]
     libraries: tuple[tuple[str, int], ...]
     warnings: tuple[str, ...]
+    partly_colored: bool = False
 
 
 def unknown_keywords(name: str, found: dict[str, int]) -> tuple[str, ...]:

@@ -122,11 +122,13 @@ class _Whole:
         else:
             faces = corner_vertex[triangulate_fans(counts)[0]].astype(np.int64)
         del corner_vertex
-        attributes = self._attributes(own_v, len(positions))
+        partly_colored = len(self.colors) not in (0, len(positions))
+        attributes = {} if partly_colored else self._attributes(own_v)
         own_normals = None if own_vn is None else _rows(normals, own_vn)
         own_uvs = None if own_vt is None else _rows(uvs, own_vt)
         mesh = MeshData(_rows(positions, own_v), faces, own_normals, own_uvs, attributes)
-        return ObjFile(mesh, materials, face_material, tuple(self.libraries), unknown_keywords(name, self.unknown))
+        libraries, warnings = tuple(self.libraries), unknown_keywords(name, self.unknown)
+        return ObjFile(mesh, materials, face_material, libraries, warnings, partly_colored)
 
     def _materials(self, counts: NDArray[np.int32]) -> tuple[tuple[str, ...], NDArray[np.int32]]:
         """Names in order of first use, and the number of each triangle's."""
@@ -141,10 +143,10 @@ class _Whole:
         of_face = np.repeat(np.array(of_run, np.int32), np.diff([*begins, len(counts)]))
         return tuple(numbers), of_face if counts.max() == 3 else np.repeat(of_face, counts - 2)
 
-    def _attributes(self, vertices: NDArray[np.int32], positions: int) -> dict[str, VertexAttribute]:
-        """The vertices' colours, if all have some."""
+    def _attributes(self, vertices: NDArray[np.int32]) -> dict[str, VertexAttribute]:
+        """The vertices' colours, if they have some."""
         colors = self.colors.taken()
-        if not len(colors) or len(colors) != positions:
+        if not len(colors):
             return {}
         return {VERTEX_COLOR: VertexAttribute(colors[vertices], coded=True)}
 

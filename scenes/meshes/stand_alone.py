@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.framing import Frame, framed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.mtl import MtlMaterial, read_mtl
-from wdpm.scenes.meshes.obj import read_obj
+from wdpm.scenes.meshes.obj import read_obj, uncolored_vertex
 from wdpm.scenes.meshes.obj_file import ObjFile
 from wdpm.scenes.meshes.off import read_off
 from wdpm.scenes.meshes.ply import read_ply
@@ -40,17 +40,21 @@ def read_stand_alone(file: Path, size: tuple[int, int] | None = None, frame: Fra
     if file.suffix.lower() == ".obj":
         return _read_obj_scene(file, size, frame)
     read = {".ply": read_ply, ".stl": read_stl, ".off": read_off}[file.suffix.lower()]
-    mesh, material = _colored(file.stem, read(file), 0)
-    return framed_scene(file.stem, [mesh], [material], size=size, warnings=[], frame=frame)
+    warnings: list[str] = []
+    mesh, material = _colored(file.stem, read(file), 0, file, warnings)
+    return framed_scene(file.stem, [mesh], [material], size=size, warnings=warnings, frame=frame)
 
 
 def _placed(name: str, mesh: MeshData, material: int, emission: Color | None = None) -> Mesh:
     return Mesh(name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, material, emission)
 
 
-def _colored(name: str, data: MeshData, material: int) -> tuple[Mesh, Material]:
+def _colored(name: str, data: MeshData, material: int, file: Path, warnings: list[str]) -> tuple[Mesh, Material]:
     """A mesh that has no material: in the colours of its vertices, or grey."""
     colors = screen_colors(data)
+    unusable = f"{file.name}: colours of vertices beyond 0 to 1, or that are no numbers, are ignored: grey is used"
+    if colors is None and VERTEX_COLOR in data.attributes and unusable not in warnings:
+        warnings.append(unusable)
     mesh = Mesh(name, data.vertices, data.faces, data.normals, data.uvs, material, colors=colors)
     return mesh, GREY if colors is None else COLORED
 
@@ -63,6 +67,7 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | Non
     lit = any(name in library and library[name].emission is not None for name in obj.materials)
     materials: list[Material] = []
     meshes: list[Mesh] = []
+    colorable = False  # whether any mesh would have the colours of its vertices
     for number, name in enumerate(obj.materials):
         part = part_of(obj, number)
         entry = library.get(name)
@@ -72,12 +77,18 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | Non
             mesh, material = _placed(name, part, number, LAMP_RADIANCE), GREY
             warnings.append(f'{file.name}: material "{name}" is in no library: by its name it is taken for a lamp')
         else:
-            mesh, material = _colored(name or file.stem, part, number)
+            mesh, material = _colored(name or file.stem, part, number, file, warnings)
+            colorable = True
             if name:
                 instead = "grey is" if mesh.colors is None else "the colours of its vertices are"
                 warnings.append(f'{file.name}: material "{name}" is in no library: {instead} used')
         meshes.append(mesh)
         materials.append(material)
+    if colorable and obj.partly_colored:
+        warnings.append(
+            f"{file.name}:{uncolored_vertex(file)}: not every vertex has a colour, and this one has none: "
+            "the colours of all are ignored"
+        )
     return framed_scene(file.stem, meshes, materials, size=size, warnings=warnings, frame=frame)
 
 

@@ -277,10 +277,33 @@ def test_colours_of_a_bare_obj(tmp_path: Path) -> None:
     np.testing.assert_array_equal(colors, [[1, 0, 0]] * 3)
 
 
-@pytest.mark.parametrize("colour", ["nan 0 0", "3 0 0", "a b c"])
-def test_unusable_colours_are_none(tmp_path: Path, colour: str) -> None:
+@pytest.mark.parametrize(
+    ("colour", "warning"),
+    [
+        ("nan 0 0", "m.obj: colours of vertices beyond 0 to 1, or that are no numbers, are ignored: grey is used"),
+        ("3 0 0", "m.obj: colours of vertices beyond 0 to 1, or that are no numbers, are ignored: grey is used"),
+        ("a b c", "m.obj:1: not every vertex has a colour, and this one has none: the colours of all are ignored"),
+    ],
+)
+def test_unusable_colours_are_none_and_said(tmp_path: Path, colour: str, warning: str) -> None:
     (tmp_path / "m.obj").write_text("".join(f"v {place} {colour}\n" for place in PLACES) + "f 3 2 1\n")
-    assert load(tmp_path / "m.obj").meshes[0].colors is None
+    scene = load(tmp_path / "m.obj")
+    assert scene.meshes[0].colors is None
+    assert warning in scene.warnings
+
+
+def test_colours_on_some_vertices_are_none_and_said(tmp_path: Path) -> None:
+    first, second, third = PLACES
+    text = f"# of two programs\nv {first} 1 0 0\nv {second}\nv {third} 0 1 0\nf 3 2 1\n"
+    (tmp_path / "m.obj").write_text(text)
+    scene = load(tmp_path / "m.obj")
+    assert scene.meshes[0].colors is None
+    warning = "m.obj:3: not every vertex has a colour, and this one has none: the colours of all are ignored"
+    assert warning in scene.warnings
+    # where a library says how it looks, colours of vertices are not asked for
+    (tmp_path / "m.mtl").write_text("newmtl red\nKd 1 0 0\n")
+    (tmp_path / "m.obj").write_text("mtllib m.mtl\nusemtl red\n" + text)
+    assert not any("colour" in warning for warning in load(tmp_path / "m.obj").warnings)
 
 
 GLOSSY = {

@@ -41,6 +41,7 @@ def assert_same(first: ObjFile, second: ObjFile) -> None:
     assert_same_mesh(first.mesh, second.mesh)
     assert first.face_material.tolist() == second.face_material.tolist()
     assert (first.materials, first.libraries, first.warnings) == (second.materials, second.libraries, second.warnings)
+    assert first.partly_colored == second.partly_colored
 
 
 number = st.floats(-1e6, 1e6).map(lambda x: f"{x:.6f}") | st.sampled_from(["0", "-1", "1e-5", "3.25", ".5"])
