@@ -70,6 +70,9 @@ _COAT_ALPHA = wp.constant(wp.vec2(0.25, 0.25))  # of the clearcoat's masking
 _COAT_F0 = wp.constant(wp.float32(0.04))
 _COAT_MATT = wp.constant(wp.float32(0.1))  # its alpha at clearcoat_gloss 0
 _COAT_GLOSSY = wp.constant(wp.float32(0.001))  # and at 1
+_SHEEN_SHARE = wp.constant(wp.float32(0.1))  # of what full sheen reflects, roughly
+# Least estimate of what the glossy part reflects: what is mirrored is often brighter than what lights the diffuse part.
+_GLOSSY_LEAST = wp.constant(wp.float32(0.1))
 _COAT_SHARE = wp.constant(wp.float32(0.25))  # strength, and weight in sampling, at clearcoat 1
 _JACOBIAN_LEAST = wp.constant(wp.float32(1e-20))
 
@@ -158,11 +161,24 @@ def eval_disney_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
 
 @wp.func
 def probability_disney_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
-    """As Mitsuba picks: 1 for the main lobe, 1/4 for a full clearcoat, 1 for a full diffuse part."""
-    if w_from[2] <= 0.0:
-        return 0.0
+    """By estimates of what the parts reflect, in the channel that reflects most, so that no weight is far above 1.
+
+    Mitsuba picks half and half, whatever they reflect, and weights a direction by both parts. Here it has the weight of
+    one alone, and with half and half that of white walls doubles: over many walls, without end.
+    """
     share = brdf_share(b)
-    return share / (share + 1.0 + _COAT_SHARE * b.clearcoat)
+    if w_from[2] <= 0.0 or share <= 0.0:
+        return 0.0
+    grazing = schlick_weight(w_from[2])
+    most = wp.max(b.color)
+    diffuse = share * most * (1.0 + grazing * (b.roughness - 0.5)) + _SHEEN_SHARE * b.sheen * (1.0 - b.metallic)
+    root = (b.eta[0] - 1.0) / (b.eta[0] + 1.0)
+    head_on = (1.0 - b.metallic) * root * root + b.metallic * most
+    # towards grazing angles the reflection of rough surfaces grows less than that of smooth ones (Lagarde 2011)
+    glossy = head_on + wp.max(1.0 - b.roughness - head_on, 0.0) * grazing
+    glossy = glossy + bsdf_share(b) * wp.sqrt(most) * (1.0 - glossy)
+    glossy = glossy + b.clearcoat * (_COAT_F0 + (1.0 - _COAT_F0) * grazing)
+    return diffuse / (diffuse + wp.max(glossy, _GLOSSY_LEAST))
 
 
 @wp.func
