@@ -215,22 +215,3 @@ def _merge_by_sorting(columns: Sequence[Numbers]) -> tuple[NDArray[np.int64], ND
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return first[order], rank[inverse]
-
-
-def triangulate_fans(
-    counts: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Cuts polygons into fans around their first corner.
-
-    Args:
-        counts: corners of each polygon (at least 3), whose corners lie one after another, shape [P].
-
-    Returns:
-        corners: positions in the list of all corners, shape [T, 3].
-        polygon: the polygon that each triangle is of, shape [T].
-    """
-    polygon = np.repeat(np.arange(len(counts)), counts - 2)
-    start = np.concatenate([[0], np.cumsum(counts)[:-1]])[polygon] if len(counts) else polygon
-    first_triangle = np.concatenate([[0], np.cumsum(counts - 2)[:-1]])[polygon] if len(counts) else polygon
-    step = np.arange(len(polygon)) - first_triangle
-    return np.stack([start, start + step + 1, start + step + 2], axis=1).astype(np.int64), polygon

@@ -1,7 +1,7 @@
 """Reads Wavefront OBJ files.
 
 Format: "Object Files (.obj)", Wavefront Advanced Visualizer, appendix B1. Indices may be negative: they then count
-back from the latest vertex before the face. Polygons are cut into fans.
+back from the latest vertex before the face. Polygons are cut into fans, or into ears where they are concave.
 
 Files as programs write them are read by whole arrays (obj_plain); what else there is in others, and what is wrong in
 any, is found here, line by line.
@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
+from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners
 from wdpm.scenes.meshes.obj_file import IGNORED, NO_MATERIAL, ObjFile, unknown_keywords
 from wdpm.scenes.meshes.obj_plain import read_plain_obj
+from wdpm.scenes.meshes.polygons.cutting import triangulate
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
 from wdpm.scenes.model.checks import FARTHEST
 from wdpm.scenes.model.transforms import normalized
@@ -175,9 +176,10 @@ class _Parser:
         face = np.repeat(np.arange(len(counts)), counts)
         indices = self._indices(face)
         first, corner_vertex = merge_corners(indices[:, 0], indices[:, 1], indices[:, 2])
-        corners, polygon = triangulate_fans(counts)
+        vertices = self.positions.array(self.file)[indices[first, 0]]
+        corners, polygon = triangulate(counts, corner_vertex, vertices)
         mesh = MeshData(
-            self.positions.array(self.file)[indices[first, 0]],
+            vertices,
             corner_vertex[corners].astype(np.int64),
             _gather(normalized(self.normals.array(self.file)), indices[first, 2]),
             _gather(self.uvs.array(self.file), indices[first, 1]),

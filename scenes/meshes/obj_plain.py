@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.meshes.growing import Growing
-from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
+from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners
 from wdpm.scenes.meshes.obj_file import NO_MATERIAL, ObjFile, unknown_keywords
+from wdpm.scenes.meshes.polygons.cutting import triangulate
 from wdpm.scenes.meshes.several import at_numbers, converted, in_threads
 from wdpm.scenes.meshes.text.obj_piece import NotPlainError, ObjPiece, read_pieces
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
@@ -120,7 +121,7 @@ class _Whole:
         if counts.min() == 3 == counts.max():
             faces = converted([corner_vertex.reshape(-1, 3)], np.int64)
         else:
-            faces = corner_vertex[triangulate_fans(counts)[0]].astype(np.int64)
+            faces = corner_vertex[triangulate(counts, corner_vertex, _rows(positions, own_v))[0]].astype(np.int64)
         del corner_vertex
         partly_colored = len(self.colors) not in (0, len(positions))
         attributes = {} if partly_colored else self._attributes(own_v)

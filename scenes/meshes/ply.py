@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mapped import FileBytes, map_file
-from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, triangulate_fans
+from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.ply_bodies import AsciiBody, BinaryBody, ElementKind, Property, Table
+from wdpm.scenes.meshes.polygons.cutting import triangulate
 from wdpm.scenes.meshes.vertex_attributes import grouped, named_attributes
 
 _TYPES = {
@@ -178,7 +179,7 @@ def _assemble(
     if not 0 <= corners.min() <= corners.max() < len(vertices):
         index = int(corners[np.argmax((corners < 0) | (corners >= len(vertices)))])
         raise SceneError(f"a face names vertex {index}, but there are {len(vertices)}", file)
-    faces = corners.reshape(-1, 3) if counts.max() == 3 else corners[triangulate_fans(counts)[0]]
+    faces = corners.reshape(-1, 3) if counts.max() == 3 else corners[triangulate(counts, corners, vertices)[0]]
     uvs = next((found for names in _UV_NAMES if (found := columns.together(names)) is not None), None)
     normals = columns.together(("nx", "ny", "nz"))
     if of_faces and counts.max() > 3:

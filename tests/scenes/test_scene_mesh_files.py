@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wdpm.scenes import Dielectric, Diffuse, SceneError, TwoSided, flatten, load
-from wdpm.scenes.meshes.mesh_data import MeshData, merge_corners, triangulate_fans
+from wdpm.scenes.meshes.mesh_data import MeshData, merge_corners
 from wdpm.scenes.meshes.mtl import read_mtl
 from wdpm.scenes.meshes.obj import read_obj
 from wdpm.scenes.meshes.off import read_off
 from wdpm.scenes.meshes.ply import read_ply
+from wdpm.scenes.meshes.polygons.cutting import triangulate_fans
 from wdpm.scenes.meshes.stl import read_stl
 from wdpm.scenes.mitsuba.serialized import read_serialized
 
