@@ -86,6 +86,7 @@ class GltfMaterial:
         vertex_tint: the factor that the mesh's vertex colours (COLOR_0) must be multiplied by, where the material reads
             them; else None.
         medium: what is behind its surfaces, or None.
+        opaque: whether its alphaMode takes no notice of opacity.
     """
 
     material: Material
@@ -93,6 +94,7 @@ class GltfMaterial:
     uv_set: int
     vertex_tint: RGB | None = None
     medium: Medium | None = None
+    opaque: bool = True
 
 
 class GltfMaterials:
@@ -150,7 +152,8 @@ class _Converter:
         bsdf = self._with_opacity(self._scattering(base), factor[3])
         emission = self._emission()
         self._warn_about_rest()
-        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint, self._medium)
+        opaque = self._owner.get("alphaMode", "OPAQUE") == "OPAQUE"
+        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint, self._medium, opaque)
 
     def _warn(self, message: str) -> None:
         self._warnings.append(f'material "{self._name}": {message}')

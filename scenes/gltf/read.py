@@ -125,6 +125,11 @@ class _Reader:
             self.warnings.append("variants of materials: each surface has the one that the file gives without a choice")
         if missing:
             raise self.gltf.error(f"needs extensions that are not supported: {', '.join(missing)}")
+        # those of materials are told of with the material, if a surface has it
+        used = self.gltf.get(self.gltf.json, "extensionsUsed", list, [])
+        unread = [str(name) for name in used if name not in _EXTENSIONS and "_materials_" not in str(name)]
+        if unread:
+            self.warnings.append(f"extensions that are not read, with what they say left out: {', '.join(unread)}")
 
     def _nodes(self) -> Iterator[tuple[str, dict[str, Any], Matrix]]:
         """All nodes of the default scene with their transform to world space."""
@@ -226,7 +231,9 @@ class _Reader:
         faces = self._faces(primitive, mode, len(vertices), name)
         normals = self._attribute(attributes, "NORMAL", 3, len(vertices))
         uvs = self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices))
-        colors = None if entry.vertex_tint is None else self._colors(attributes, entry.vertex_tint, len(vertices))
+        colors = None
+        if entry.vertex_tint is not None:
+            colors = self._colors(attributes, entry.vertex_tint, len(vertices), name, opaque=entry.opaque)
         mesh = Mesh(name, vertices, faces, normals, uvs, number, entry.emission, colors)
         return mesh if entry.medium is None else replace(mesh, interior=self._medium(entry), bounds=True)
 
@@ -247,13 +254,21 @@ class _Reader:
         mirrored = mirrors(to_world)
         return moved.flipped() if mirrored and data.normals is None else moved
 
-    def _colors(self, attributes: dict[str, Any], tint: RGB, count: int) -> NDArray[np.float64]:
-        """Vertex colours times their material's base colour; a fourth component, of opacity, is ignored."""
+    def _colors(
+        self, attributes: dict[str, Any], tint: RGB, count: int, name: str, *, opaque: bool
+    ) -> NDArray[np.float64]:
+        """Vertex colours times their material's base colour; a fourth component, of opacity, is ignored.
+
+        Args:
+            opaque: whether the material takes no notice of opacity, as glTF wants it by default.
+        """
         values = self.gltf.converted(attributes[COLOR_ATTRIBUTE], np.float64)
         if values.shape[1] not in (3, 4) or len(values) != count:
             raise self.gltf.error(
                 f"broken glTF: {COLOR_ATTRIBUTE} has shape {values.shape}, expected ({count}, 3 or 4)"
             )
+        if not opaque and values.shape[1] == 4 and values[:, 3].min(initial=1.0) < 1.0:
+            self._warn_once(f'mesh "{name}": the opacity in its {COLOR_ATTRIBUTE} is ignored')
         if not (values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
             self._warn_once(f"{COLOR_ATTRIBUTE}: values outside 0 to 1 are clamped")
         return np.clip(values[:, :3], 0.0, 1.0) * np.array(tint)

@@ -63,6 +63,8 @@ def read_ply(file: Path) -> MeshData:
             columns[kind.name] = reader.read_table(kind)
         if kind.name == "vertex":
             whole = _whole(kind)
+    if polygons is None and any(kind.name == "tristrips" for kind in kinds):
+        raise SceneError("its triangles are in strips (tristrips), which are not read: save them as faces", file)
     return _assemble(columns.get("vertex"), whole, polygons, of_faces, file)
 
 

@@ -194,6 +194,7 @@ def test_truncated_ply(tmp_path: Path, order: str) -> None:
         (b"\n7 3 0 1 2", b"\n7 2 0 1", "has 2 corners"),
         (b"element vertex 4", b"element vertex 0", "not a whole number|no vertices|names vertex"),
         (b"0 1 0 0 0 1 0 1\n", b"0 nan 0 0 0 1 0 1\n", "vertex 3 is .0, nan, 0., 1 not finite"),
+        (b"element face", b"element tristrips", r"in strips \(tristrips\), which are not read"),
     ],
 )
 def test_broken_ply(tmp_path: Path, old: bytes, new: bytes, message: str) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
 import pytest
-from test_gltf_extensions import square
+from test_gltf_extensions import square, uri
 
 from wdpm.scenes import SceneError, load
 from wdpm.scenes.model.bsdfs import Blend, Bsdf, Conductor, Diffuse, Principled
@@ -40,6 +42,27 @@ def test_more_anisotropy_than_disneys_is_said(tmp_path: Path) -> None:
     assert bsdf.anisotropic == 1.0
     said = " ".join(warnings)
     assert all(word in said for word in ("lowered to Disney's largest", "anisotropyRotation", "anisotropyTexture"))
+
+
+def test_extensions_beside_materials_that_are_not_read_are_told_of(tmp_path: Path) -> None:
+    used = ["EXT_lights_image_based", "KHR_texture_transform", "KHR_materials_iridescence", "KHR_node_visibility"]
+    warnings = load(square(tmp_path, extensionsUsed=used)).warnings
+    (said,) = [warning for warning in warnings if "extensions that are not read" in warning]
+    assert said.endswith("left out: EXT_lights_image_based, KHR_node_visibility")
+
+
+@pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
+def test_opacity_of_vertex_colours_is_told_of_where_it_matters(tmp_path: Path, mode: str) -> None:
+    file = square(tmp_path, materials=[{"alphaMode": mode}])
+    document = json.loads(file.read_text())
+    colours = [1.0, 0.5, 0.0, 0.5] * 4
+    blob = struct.pack("<16f", *colours)
+    document["accessors"].append({"bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC4"})
+    document["bufferViews"].append({"buffer": 1, "byteLength": len(blob)})
+    document["buffers"].append({"byteLength": len(blob), "uri": uri(blob)})
+    document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
+    file.write_text(json.dumps(document))
+    assert any("the opacity in its COLOR_0" in warning for warning in load(file).warnings) == (mode != "OPAQUE")
 
 
 def test_a_grey_gloss_is_a_dielectrics(tmp_path: Path) -> None:
