@@ -19,6 +19,9 @@ EXIT_TRY_AGAIN = 75
 EXIT_INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 
+EXIT_HUNG_UP = 129
+"""128 + SIGHUP."""
+
 EXIT_TERMINATED = 143
 """128 + SIGTERM."""
 

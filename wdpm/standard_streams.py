@@ -16,7 +16,8 @@ from typing import Any, TextIO
 class _Lossy(io.RawIOBase):
     """Writes as another does, and goes on where that cannot.
 
-    A reader of a pipe who has left is an error as ever: nobody wants the rest.
+    A reader of a pipe who has left is an error as ever, since nobody wants the rest, but where that is not what the
+    command is for (outlive_readers).
 
     Attributes:
         error: why something was lost last; None where all is written.
@@ -30,8 +31,12 @@ class _Lossy(io.RawIOBase):
     def write(self, data: Any, /) -> int | None:
         try:
             written: int | None = self._raw.write(data)
-        except (BrokenPipeError, BlockingIOError):
+        except BlockingIOError:
             raise
+        except BrokenPipeError:
+            if not _readers_may_leave:
+                raise
+            return len(memoryview(data))
         except OSError as error:
             self.error = error
             return len(memoryview(data))
@@ -46,6 +51,9 @@ class _Lossy(io.RawIOBase):
     def isatty(self) -> bool:
         return bool(self._raw.isatty())
 
+
+_readers_may_leave = False
+"""Whether what is printed is beside what the command is for."""
 
 _output: _Lossy | None = None
 """Standard output, once it is taken."""
@@ -70,6 +78,12 @@ def take_streams() -> None:
     _open_closed()
     sys.stdout, _output = _lossy_stream(sys.stdout)
     sys.stderr, _ = _lossy_stream(sys.stderr)
+
+
+def outlive_readers() -> None:
+    """Go on where whoever reads what is printed has left, as `| head` does: what is made goes elsewhere."""
+    global _readers_may_leave
+    _readers_may_leave = True
 
 
 def why_output_lost() -> OSError | None:

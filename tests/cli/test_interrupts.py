@@ -81,8 +81,9 @@ def test_an_interrupt_in_a_destructor_ends_a_command(
         ([], signal.SIGINT, 130, "interrupted"),
         (IGNORING, signal.SIGINT, 130, "interrupted"),
         ([], signal.SIGTERM, 143, "terminated"),
+        ([], signal.SIGHUP, 129, "hung up"),
     ],
-    ids=["plain", "ignored", "terminated"],
+    ids=["plain", "ignored", "terminated", "hung up"],
 )
 def test_a_signal_ends_a_process(starter: list[str], number: int, code: int, word: str) -> None:
     with subprocess.Popen(
@@ -99,7 +100,8 @@ def test_a_signal_ends_a_process(starter: list[str], number: int, code: int, wor
 
 
 @pytest.mark.parametrize(
-    ("number", "manager"), [(signal.SIGINT, interrupts_raise), (signal.SIGTERM, termination_raises)]
+    ("number", "manager"),
+    [(signal.SIGINT, interrupts_raise), (signal.SIGTERM, termination_raises), (signal.SIGHUP, termination_raises)],
 )
 def test_a_handler_of_somebody_else_stays(number: int, manager: Any) -> None:
     def handler(*_: object) -> None: ...

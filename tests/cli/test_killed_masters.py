@@ -104,16 +104,21 @@ def test_a_master_is_killed_in_photons_records_and_image(expected: str, tmp_path
     assert not journal.exists()
 
 
-def test_a_render_that_is_terminated_says_how_to_go_on(expected: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGHUP, 129, "hung up")]
+)
+def test_a_render_that_is_ended_says_how_to_go_on(
+    number: int, code: int, word: str, expected: str, tmp_path: Path
+) -> None:
     """With slaves of its own, which it starts anew."""
     render = ["render", *OPTIONS, "-o", "box.exr", "--slaves", "2", "--journal", "."]
-    with wdpm_process(tmp_path, *render, struck=("BucketKept", "4", str(int(signal.SIGTERM)))) as process:
+    with wdpm_process(tmp_path, *render, struck=("BucketKept", "4", str(int(number)))) as process:
         _, told = process.communicate(timeout=WAIT_S)
-    assert process.returncode == 143
+    assert process.returncode == code
     assert told.splitlines() == [
         "wdpm: wrote box.partial.exr: the picture as far as it is",
         "wdpm: box.exr.wdpm-journal keeps what is finished; the same command with --resume goes on",
-        "wdpm: terminated",
+        f"wdpm: {word}",
     ]
     assert (load(tmp_path / "box.partial.exr").pixels > 0).any()
     with wdpm_process(tmp_path, *render) as process:

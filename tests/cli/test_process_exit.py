@@ -154,3 +154,14 @@ def test_images_whose_names_are_no_text(name: bytes, tmp_path: Path, monkeypatch
     else:
         assert done.returncode == 0
         assert load(tmp_path / os.fsdecode(name)).pixels.shape == (8, 8, 3)
+
+
+def test_a_render_whose_reader_has_left_writes_its_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As `| head` leaves; of a command that is to print something, nobody wants the rest."""
+    monkeypatch.chdir(tmp_path)
+    done = by_shell(f"({RENDER} 2>&1; echo $? > code) | true", PYTHONUNBUFFERED="1")
+    assert done.returncode == 0
+    assert (tmp_path / "code").read_text() == "0\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "a.json", "a.png", "code"]
+    by_shell("(wdpm check cornell-box; echo $? > code) | true", PYTHONUNBUFFERED="1")
+    assert (tmp_path / "code").read_text() == "1\n"

@@ -10,7 +10,8 @@ the terminal of such a script ends what it has put in the background, too; who w
 SIGHUP, which nohup has ignored, stays as it was.
 
 SIGTERM is how schedulers, containers and service managers ask a process to end. It is an interrupt like Ctrl-C: a slave
-says goodbye, a master tells its slaves, and nothing half written stays. The exit code is 143.
+says goodbye, a master tells its slaves, and nothing half written stays. The exit code is 143. So is SIGHUP, which comes
+when a terminal is closed or a connection to it lost; the exit code is 129.
 """
 
 from __future__ import annotations
@@ -30,8 +31,18 @@ class Terminated(KeyboardInterrupt):
     """SIGTERM came."""
 
 
-def _raise_terminated(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler
-    raise Terminated
+class HungUp(KeyboardInterrupt):
+    """SIGHUP came."""
+
+
+ENDING: dict[signal.Signals, type[KeyboardInterrupt]] = {signal.SIGTERM: Terminated}
+"""What signals raise that end a process."""
+if hasattr(signal, "SIGHUP"):  # not on Windows
+    ENDING[signal.SIGHUP] = HungUp
+
+
+def _raise_ending(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler
+    raise ENDING[signal.Signals(number)]
 
 
 WAIT_S = 0.01
@@ -57,16 +68,17 @@ def interrupts_raise() -> Iterator[None]:
 
 @contextmanager
 def termination_raises() -> Iterator[None]:
-    """Have SIGTERM raise Terminated, unless somebody has installed a handler. Nothing changes off the main thread."""
-    free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
-    if not free or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    signal.signal(signal.SIGTERM, _raise_terminated)
+    """Have SIGTERM and SIGHUP raise, unless somebody has installed a handler. Nothing changes off the main thread."""
+    free = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
+    if threading.current_thread() is not threading.main_thread():
+        free = []
+    for number in free:
+        signal.signal(number, _raise_ending)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number in free:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @contextmanager
@@ -111,13 +123,13 @@ class _Lost:
         return waiting
 
     def _send_again(self) -> None:
-        """Raise SIGINT as soon as the main thread is out of the destructor and of the hook."""
+        """Raise the signal as soon as the main thread is out of the destructor and of the hook."""
         main = threading.main_thread().ident
         while self._waiting:
             time.sleep(WAIT_S)
             frame = sys._current_frames().get(main or 0)
             if not self._is_deaf(frame) and self.take():
-                again = signal.SIGTERM if self.kind is Terminated else signal.SIGINT
+                again = next((number for number, kind in ENDING.items() if kind is self.kind), signal.SIGINT)
                 if hasattr(signal, "pthread_kill"):
                     signal.pthread_kill(main or 0, again)
                 else:

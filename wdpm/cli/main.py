@@ -16,8 +16,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
-from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
+from wdpm.cli.interrupts import HungUp, Terminated, interrupts_raise, no_lost_interrupts, termination_raises
+from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_HUNG_UP, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError, did_you_mean, is_of_memory
 from wdpm.scenes.scene_root import files_within
 from wdpm.standard_streams import why_output_lost
@@ -58,10 +58,11 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code (wdpm/exit_codes.py): 0, 1, 2 for bad input, 3, 75, 130 or 143.
+    """Run one command; returns the exit code (wdpm/exit_codes.py): 0, 1, 2 for bad input, 3, 75, 129, 130 or 143.
 
     1: a cluster failed, or compare --equal or check found something. 3: the image is there, but not as good as
-    --until-error asked for (wdpm/cli/goal.py). 75: a slave has lost its master. 130, 143: SIGINT (Ctrl-C) or SIGTERM.
+    --until-error asked for (wdpm/cli/goal.py). 75: a slave has lost its master. 129, 130, 143: SIGHUP, SIGINT
+    (Ctrl-C) or SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
     if COMPLETING in os.environ:
@@ -91,6 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Terminated:
         print("wdpm: terminated", file=sys.stderr)
         return EXIT_TERMINATED
+    except HungUp:
+        print("wdpm: hung up", file=sys.stderr)
+        return EXIT_HUNG_UP
     except KeyboardInterrupt:
         print("wdpm: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

@@ -31,6 +31,7 @@ from wdpm.report import report
 from wdpm.report.tables import print_report
 from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.model.scene import Scene
+from wdpm.standard_streams import outlive_readers
 
 if TYPE_CHECKING:
     from wdpm.cli.live import Viewers
@@ -52,6 +53,7 @@ def render_and_write(
     outputs = _checked_outputs(args)
     chosen = chosen_settings(args)
     RenderSettings(**chosen)  # a value out of range is an error before the scene is read
+    outlive_readers()
     quiet_warp()
     progress = make_progress(args.quiet)
     if view is not None:

@@ -73,8 +73,10 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cluster.slave.time_slices import ask_for_long_slices
     from wdpm.devices import available_cores, check_memory
     from wdpm.serving import fork_slaves, security_of, serve
+    from wdpm.standard_streams import outlive_readers
     from wdpm.startup import hold_off_collector
 
+    outlive_readers()
     hold_off_collector()
     keep_free_memory()
     if args.fork_server and not fork_slaves(args.address):

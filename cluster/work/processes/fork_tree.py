@@ -115,7 +115,8 @@ class _Tree:
         try:
             # Ctrl-C reaches all processes of a terminal; the parent decides what follows.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            for number in (signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, signal.SIG_DFL)
             for other in self._others:
                 other.close()
             for ours, _ in self._pairs:
