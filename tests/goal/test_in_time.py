@@ -118,14 +118,26 @@ def test_slaves_fill_a_time_with_the_same_bits(room: Scene, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize(
-    ("seconds", "side", "samples"), [(5.0, 256, 3), (60.0, 256, 36), (9e3, 64, MOST_OF_FIRST), (1, 999, 1)]
+    ("seconds", "side", "samples"), [(5.0, 256, 3), (60.0, 256, 45), (9e3, 64, MOST_OF_FIRST), (1, 999, 1)]
 )
 def test_the_first_pass_is_a_part_of_the_time(
     seconds: float, side: int, samples: int, room: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the pixels, the cores, and what a sample is likely to take."""
+    monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 1.0)
     scene = replace(room, camera=replace(room.camera, width=side, height=side))
-    assert Rendering(0.2, 0.05, monkeypatch).of(scene, seconds)._samples_of_first() == samples
+    timed = Rendering(0.2, 0.05, monkeypatch).of(scene, seconds)
+    assert timed._samples_of_first() == samples
+    monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 0.25)
+    assert timed._samples_of_first() in (1, samples // 4, MOST_OF_FIRST), "a busy machine takes longer"
+
+
+def test_many_triangles_leave_less_of_the_time(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Rendering(0.2, 0.05, monkeypatch)
+    large = replace(room, camera=replace(room.camera, width=256, height=256))
+    many = replace(large, meshes=room.meshes * 62_500)  # two million
+    few, found = (clock.of(scene, 20.0)._samples_of_first() for scene in (large, many))
+    assert 1 <= found < few
 
 
 def test_given_settings_are_kept(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,6 +9,8 @@ import os
 import time
 from pathlib import Path
 
+from wdpm.devices import available_cores
+
 _IMPORTED = time.monotonic()
 
 
@@ -50,6 +52,15 @@ def _cpu_of(process: int) -> float:
     except OSError:  # it was waited for just now
         return 0.0
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")  # fields 14 to 17 of proc_pid_stat(5)
+
+
+def idle_share() -> float:
+    """Of this machine's cores, what a process that could use all is likely to get beside those that run already."""
+    cores = available_cores()
+    try:
+        return cores / (cores + os.getloadavg()[0])
+    except (OSError, AttributeError):  # nobody tells
+        return 1.0
 
 
 class Budget:
