@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from numbers import Real
 from os import PathLike
@@ -82,6 +83,7 @@ class Cluster(Backend):
         self._placed = placed
         self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
         self._beside = KernelsBeside(compiling)
+        self._one_at_a_time = threading.Lock()
         stack.callback(self._beside.leave)
 
     @classmethod
@@ -376,7 +378,7 @@ class Cluster(Backend):
         load_cache: str | PathLike[str] | None = None,
         **chosen: Any,
     ) -> Image:
-        """Render a scene: the same bits as `wdpm.render`.
+        """Render a scene: the same bits as `wdpm.render`. Threads that ask at once are served one after the other.
 
         Args:
             source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
@@ -389,20 +391,26 @@ class Cluster(Backend):
             SceneError, SettingsError: see their messages.
             ClusterError: a slave failed, or all were lost; the cluster has ended.
         """
+        with self._one_at_a_time, self._shown(live, source, progress) as (scene, live_progress):
+            return render_in_passes(
+                scene,
+                self,
+                settings,
+                progress=live_progress,
+                journal=path_named(journal),
+                resume=resume,
+                keep=keep,
+                cache=CacheFiles.named(save_cache, load_cache),
+                **chosen,
+            )
+
+    @contextmanager
+    def _shown(self, live: bool, source: Source, progress: Progress | None) -> Iterator[tuple[Source, Progress | None]]:
+        """A display of the notebook beside the cluster's own, for one render."""
         display = self.display
         with shown_live(live, source, display, progress) as (scene, self.display, live_progress):
             try:
-                return render_in_passes(
-                    scene,
-                    self,
-                    settings,
-                    progress=live_progress,
-                    journal=path_named(journal),
-                    resume=resume,
-                    keep=keep,
-                    cache=CacheFiles.named(save_cache, load_cache),
-                    **chosen,
-                )
+                yield scene, live_progress
             finally:
                 self.display = display
 

@@ -37,6 +37,8 @@ from wdpm.scenes.meshes.several import available_cores
 PULSE_S = 0.2
 """Between one word to an observer and the next, while nothing comes."""
 
+CLOSED = "the cluster has been closed; start another"
+
 
 def nobody() -> Iterable[Started]:
     """Watches no process."""
@@ -143,7 +145,7 @@ class MasterServer:
     def _interruptible(self) -> Iterator[None]:
         """Whatever is raised meanwhile ends the cluster."""
         if self._closed:
-            raise ClusterError("the cluster has been closed; start another")
+            raise ClusterError(CLOSED)
         try:
             yield
         except BaseException as error:
@@ -187,6 +189,8 @@ class MasterServer:
             try:
                 return self._answers.get(timeout=PULSE_S)
             except queue.Empty:
+                if self._closed:  # by another thread, and nobody answers any more
+                    raise ClusterError(CLOSED) from None
                 if progress is not None:
                     progress.advance(0)
 
