@@ -15,10 +15,11 @@ import wdpm
 from wdpm.cli.main import main
 from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.goal.goal import Metric
+from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.in_time import MOST_OF_FIRST, TimedRender
 from wdpm.goal.outcome import Ending, passes_in_words
 from wdpm.goal.pass_costs import PassCosts
+from wdpm.goal.render import _render_in_time
 from wdpm.goal.workplace import Workplace
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
@@ -138,6 +139,18 @@ def test_many_triangles_leave_less_of_the_time(room: Scene, monkeypatch: pytest.
     many = replace(large, meshes=room.meshes * 62_500)  # two million
     few, found = (clock.of(scene, 20.0)._samples_of_first() for scene in (large, many))
     assert 1 <= found < few
+
+
+def test_times_that_are_told_are_of_all_passes_and_of_what_was_before(
+    room: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Rendering(0.2, 0.05, monkeypatch, plan=0.4)
+    asked = _render_in_time(clock.of(room, 10.0), Goal(seconds=10.0)).metadata["asked"]
+    passes = sum(0.2 + 0.05 * samples for samples in asked["pass_samples"])
+    # Those of a compiler go by on the machine's clock, which is not this one.
+    assert asked["seconds"] + asked["pilot_seconds"] + asked["compile_seconds"] == pytest.approx(clock.now, abs=0.5)
+    assert asked["seconds"] == pytest.approx(passes, abs=0.5)
+    assert 0.8 * asked["predicted_seconds"] < passes <= asked["predicted_seconds"]
 
 
 def test_given_settings_are_kept(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

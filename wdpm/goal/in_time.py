@@ -69,7 +69,7 @@ class TimedRender:
         costs: of the last of them.
         why: what was chosen, in words.
         planned: seconds that all passes are to take, from the first on.
-        compile_seconds: that went by for compiling.
+        pilot_seconds: that went by before the first, to choose settings; compile_seconds: for compiling besides.
         ending, error: what ended it; the error is None if nothing went wrong.
     """
 
@@ -83,6 +83,7 @@ class TimedRender:
     costs: PassCosts = field(init=False)
     why: str = ""
     planned: float = 0.0
+    pilot_seconds: float = 0.0
     compile_seconds: float = 0.0
     ending: Ending = Ending.DONE
     error: BaseException | None = None
@@ -90,12 +91,13 @@ class TimedRender:
 
     def begin(self) -> None:
         """Choose settings as for a pass of so many samples as the first is to have, and render it."""
-        self.planned = self.seconds_left()
-        samples = self._samples_of_first()
+        began, samples = self.work.clock(), self._samples_of_first()
         settings = replace(self.settings, spp=samples, passes=1, pass_samples=(samples,))
         self.renderer = self.work.renderer(self.scene, settings)
         prepared = self.renderer.prepared
         self.compile_seconds = prepared.seconds["compile"]
+        self.pilot_seconds = max(self.work.clock() - began - self.compile_seconds, 0.0)
+        self.planned = max(self.seconds_left(), 0.0)
         self.why = prepared.chose[0] if prepared.chose else prepared.settings.algorithm.in_words(prepared.settings)
         self.average = PassAverage(prepared)
         camera = self.scene.camera

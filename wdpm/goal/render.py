@@ -108,10 +108,9 @@ def _render_in_time(timed: TimedRender, goal: Goal) -> Image:
     clock = timed.work.clock
     began = clock()
     timed.begin()
-    pilot, began = clock() - began, clock()
     estimate = timed.finish()
-    compiling = timed.compile_seconds
-    times = Times(clock() - began, timed.planned, max(pilot - compiling, 0.0), compiling)
+    before = timed.pilot_seconds + timed.compile_seconds
+    times = Times(max(clock() - began - before, 0.0), timed.planned, timed.pilot_seconds, timed.compile_seconds)
     found = Found(estimate, timed.pass_samples, timed.ending, timed.why)
     return _with_outcome(timed.average, goal, found, times, timed.error)
 
