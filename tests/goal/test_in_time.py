@@ -17,7 +17,7 @@ from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.in_time import MOST_OF_FIRST, TimedRender
-from wdpm.goal.outcome import Ending, passes_in_words
+from wdpm.goal.outcome import Ending
 from wdpm.goal.pass_costs import PassCosts
 from wdpm.goal.render import _render_in_time
 from wdpm.goal.workplace import Workplace
@@ -26,7 +26,7 @@ from wdpm.images.image import load as load_image
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.in_process import InProcess
-from wdpm.rendering.pass_plan import PassPlan, PassResult
+from wdpm.rendering.pass_plan import PassPlan, PassResult, passes_in_words
 from wdpm.rendering.passes import PassRenderer
 from wdpm.scenes.model.bsdfs import Conductor
 from wdpm.scenes.model.scene import Scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 
@@ -79,6 +80,13 @@ def test_the_last_bit_of_any_common_layer_counts() -> None:
     assert figures.differing == {"beauty": 0, "depth": 1}
     assert figures.differing_pixels == 1
     assert figures.mse == 0
+
+
+def test_the_layer_that_shows_the_partition_is_not_among_those_that_are_named() -> None:
+    cell = np.zeros((2, 3), dtype=np.float32)
+    console = Console(file=io.StringIO(), width=200)
+    compare(flat(1, cell=cell), flat(2, cell=cell - 1)).print(console)
+    assert "differ in 6 pixels, 100.00% (beauty 6)" in console.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_a_pixel_that_differs_in_two_layers_counts_once() -> None:

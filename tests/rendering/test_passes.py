@@ -279,19 +279,30 @@ def test_passes_can_be_added_later(scene: Scene, image: Image, tmp_path: Path) -
     assert render(scene, FEW, journal=journal, resume=True).digest() == image.digest()
 
 
+class Notes(SilentProgress):
+    """Keeps what is told."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.texts.append(text)
+
+
 def test_passes_that_are_added_take_samples_of_their_own(scene: Scene, image: Image, tmp_path: Path) -> None:
-    journal = tmp_path / "journal"
-    notes: list[str] = []
-
-    class Notes(SilentProgress):
-        def note(self, text: str) -> None:
-            notes.append(text)
-
+    journal, notes = tmp_path / "journal", Notes()
     render(scene, replace(FEW, spp=4, passes=2), journal=journal, keep=True)
-    longer = render(scene, replace(FEW, spp=4, passes=3), journal=journal, resume=True, progress=Notes())
+    longer = render(scene, replace(FEW, spp=4, passes=3), journal=journal, resume=True, progress=notes)
     assert longer.digest() == image.digest()
-    assert notes == ["2 passes of 2 samples are done, so 3 take 6 samples in all, not 4"]
+    assert notes.texts == ["2 passes of 2 samples are done, so 3 take 6 samples in all, not 4"]
     assert longer.metadata["settings"]["spp"] == 6
+
+
+def test_passes_that_are_done_are_told_as_they_were(scene: Scene, tmp_path: Path) -> None:
+    journal, notes = tmp_path / "journal", Notes()
+    render(scene, replace(FEW, spp=4, passes=2, pass_samples=(1, 3)), journal=journal, keep=True)
+    render(scene, replace(FEW, spp=9, passes=3), journal=journal, resume=True, progress=notes)
+    assert notes.texts == ["2 passes of 1 and 3 samples are done, so 3 take 5 samples in all, not 9"]
 
 
 def test_passes_that_are_added_are_planned_by_the_samples_of_the_first(

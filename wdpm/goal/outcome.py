@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any, NamedTuple
@@ -12,14 +11,11 @@ from wdpm.goal.convergence import Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.schedule import Schedule
 from wdpm.images.comparison import RELATIVE_FLOOR
+from wdpm.rendering.pass_plan import passes_in_words
 from wdpm.report.report import ErrorFigure
 
 DARK_STOPS = 3.0
 """More than so many stops too dark, most of a picture's radiance squared is below what relMSE adds to it."""
-
-
-MOST_IN_WORDS = 6
-"""Passes whose samples are told one by one."""
 
 
 class Ending(Enum):
@@ -144,16 +140,6 @@ class Outcome:
         if times > 1000:
             return "what is left is mostly noise, and so small an error is out of reach"
         return f"what is left is mostly noise: some {max(times, 2)} times the samples would reach it"
-
-
-def passes_in_words(samples: Sequence[int]) -> str:
-    """How many passes of how many samples each: "1 pass of 4 samples", or "3 passes of 1, 8 and 9 samples"."""
-    passes = f"{len(samples)} {'pass' if len(samples) == 1 else 'passes'}"
-    if len(set(samples)) == 1:
-        return f"{passes} of {samples[0]} {'sample' if samples[0] == 1 else 'samples'}"
-    if len(samples) > MOST_IN_WORDS:
-        return f"{passes} of {min(samples)} to {max(samples)} samples"
-    return f"{passes} of {', '.join(map(str, samples[:-1]))} and {samples[-1]} samples"
 
 
 def _finite_or_none(value: Any) -> Any:

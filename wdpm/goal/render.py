@@ -15,7 +15,7 @@ from wdpm.goal.clock import Budget
 from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal
 from wdpm.goal.in_time import TimedRender
-from wdpm.goal.outcome import Ending, Found, Times, outcome_of, passes_in_words, reasons
+from wdpm.goal.outcome import Ending, Found, Times, outcome_of, reasons
 from wdpm.goal.schedule import Schedule
 from wdpm.goal.stopped import Abandoned as Abandoned
 from wdpm.goal.stopped import Interrupted as Interrupted
@@ -28,7 +28,7 @@ from wdpm.images.view_transform import auto_exposure
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.adaptive import weight_of
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.pass_plan import PassPlan, shrink
+from wdpm.rendering.pass_plan import PassPlan, passes_in_words, shrink
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassAverage, PassRenderer
 from wdpm.rendering.prepare import Source, scene_of

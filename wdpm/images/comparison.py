@@ -139,7 +139,8 @@ class Comparison:
         if self.bits_equal:
             return f"all equal ({', '.join(name for name in self.layers if name != PARTITION_LAYER)})"
         share = self.differing_pixels / (self.width * self.height)
-        layers = ", ".join(f"{name} {count:,}" for name, count in self.differing.items() if count)
+        differing = {name: count for name, count in self.differing.items() if count and name != PARTITION_LAYER}
+        layers = ", ".join(f"{name} {count:,}" for name, count in differing.items())
         return f"differ in {self.differing_pixels:,} pixels, {share:.2%} ({layers})"
 
 

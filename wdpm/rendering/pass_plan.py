@@ -40,6 +40,8 @@ to 13 % fewer gather rays."""
 LEAST_K = 4
 """Photons that a gather looks for, at least: from there on, the largest radius alone goes on shrinking."""
 
+MOST_IN_WORDS = 6
+"""Passes whose samples are told one by one."""
 
 _STEP_LEFT, _STEP_TOP = 19, 11
 """By which the grid of records' candidates moves from pass to pass, of a spacing that is a power of two: it comes to
@@ -87,6 +89,16 @@ def samples_of(passes: Sequence[int], *, given: bool = False) -> dict[str, Any]:
     even = tuple(plan.spp for plan in spread_samples(sum(passes), len(passes)))
     uneven = () if tuple(passes) == even and not given else tuple(passes)
     return {"spp": sum(passes), "passes": len(passes), "pass_samples": uneven}
+
+
+def passes_in_words(samples: Sequence[int]) -> str:
+    """How many passes of how many samples each: "1 pass of 4 samples", or "3 passes of 1, 8 and 9 samples"."""
+    passes = f"{len(samples)} {'pass' if len(samples) == 1 else 'passes'}"
+    if len(set(samples)) == 1:
+        return f"{passes} of {samples[0]} {'sample' if samples[0] == 1 else 'samples'}"
+    if len(samples) > MOST_IN_WORDS:
+        return f"{passes} of {min(samples)} to {max(samples)} samples"
+    return f"{passes} of {', '.join(map(str, samples[:-1]))} and {samples[-1]} samples"
 
 
 def plans_for(settings: RenderSettings, done: tuple[PassPlan, ...] = ()) -> tuple[PassPlan, ...]:

@@ -35,7 +35,16 @@ from wdpm.rendering.cache_file import (
 )
 from wdpm.rendering.pass_average import PassAverage
 from wdpm.rendering.pass_journal import read_journal, write_journal
-from wdpm.rendering.pass_plan import PassPlan, PassResult, plans_for, samples_of, session_of, shrink, spread_samples
+from wdpm.rendering.pass_plan import (
+    PassPlan,
+    PassResult,
+    passes_in_words,
+    plans_for,
+    samples_of,
+    session_of,
+    shrink,
+    spread_samples,
+)
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.prepare import Source, scene_of
 from wdpm.rendering.results import image_of
@@ -226,10 +235,8 @@ def _note_samples(plans: Sequence[PassPlan], done: int, asked: int, progress: Pr
     """Tell a person if passes take other samples than were asked for."""
     together = plans[-1].first_sample + plans[-1].spp
     if together != asked:
-        progress.note(
-            f"{done} passes of {plans[0].spp} samples are done, so {len(plans)} take {together} samples "
-            f"in all, not {asked}"
-        )
+        found = f"{passes_in_words([plan.spp for plan in plans[:done]])} {'is' if done == 1 else 'are'} done"
+        progress.note(f"{found}, so {len(plans)} take {together} samples in all, not {asked}")
 
 
 def _render_all(
