@@ -118,6 +118,22 @@ SCENE = (
 )
 
 
+def test_passes_that_were_kept_of_frames_can_be_added_to(capsys: pytest.CaptureFixture[str]) -> None:
+    for number in (1, 2):
+        Path(f"s.{number}.xml").write_text(SCENE.format(x=number, more=""))
+    line = ["render", "s.%d.xml", "--frames", "1..2", *QUICK]
+    longer = ["--spp", "4", "--passes", "4"]
+    assert main([*line, *longer, "-q", "-o", "at_once.%d.exr"]) == 0
+    assert main([*line, "--spp", "2", "--passes", "2", "-q", "-o", "a.%d.exr", "--keep-passes"]) == 0
+    assert main([*line, *longer, "-q", "-o", "a.%d.exr", "--resume", "--keep-passes"]) == 0
+    assert [load(f"a.{number}.exr").digest() for number in (1, 2)] == [
+        load(f"at_once.{number}.exr").digest() for number in (1, 2)
+    ]
+    capsys.readouterr()
+    assert main([*line, *longer, "-o", "a.%d.exr", "--resume", "--keep-passes"]) == 0
+    assert capsys.readouterr().out == "frame 1: is there\nframe 2: is there\n"
+
+
 def test_numbered_scenes_go_on_where_one_is_bad_and_resume_renders_what_is_missing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

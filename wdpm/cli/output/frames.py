@@ -36,7 +36,8 @@ def add_frame_options(parser: argparse.ArgumentParser) -> None:
         type=values.frames,
         metavar="A..B",
         help="render these frames of an animated glTF file, or of numbered scenes named like scene.%%04d.xml, to "
-        "IMAGE.0001.exr and so on: 1..24, 1..24..2 (every other one) or 7; --resume skips frames whose files exist",
+        "IMAGE.0001.exr and so on: 1..24, 1..24..2 (every other one) or 7; --resume skips frames whose files exist, "
+        "unless --keep-passes kept their passes and more are asked for",
     )
     group.add_argument(
         "--fps",
@@ -84,12 +85,12 @@ def render_frames(args: argparse.Namespace, make_backend: Callable[[], Backend])
     with shown(args) as view, make_backend() as backend:
         backend.display, backend.keeps_scene = view, True
         for place, (number, frame) in enumerate(frames, 1):
-            if args.resume and all(path.exists() for path in _outputs(frame)):
-                exposure.read(_outputs(frame))
-                _tell(args, f"frame {number}: is there")
-                continue
-            _tell(args, f"frame {number} ({place} of {len(frames)})")
             try:
+                if args.resume and all(path.exists() for path in _outputs(frame)) and not _lacks_passes(frame):
+                    exposure.read(_outputs(frame))
+                    _tell(args, f"frame {number}: is there")
+                    continue
+                _tell(args, f"frame {number} ({place} of {len(frames)})")
                 _render(frame, backend, view, exposure)
             except (GuardError, ImageError, JournalInUseError, SceneError) as error:  # others end all
                 failed.append(str(number))
@@ -97,6 +98,16 @@ def render_frames(args: argparse.Namespace, make_backend: Callable[[], Backend])
     if failed:
         raise SettingsError(f"{len(failed)} of {len(frames)} frames failed: {', '.join(failed)}")
     return 0
+
+
+def _lacks_passes(frame: argparse.Namespace) -> bool:
+    """Whether passes of a frame that is there were kept to add more, and more are asked for."""
+    from wdpm.cli.journals import places_of
+    from wdpm.cli.result import first_output
+    from wdpm.rendering.pass_journal import read_journal
+
+    kept = places_of(first_output(frame), None).passes
+    return kept.exists() and len(read_journal(kept).plans) < (frame.passes or 1)
 
 
 def _render(frame: argparse.Namespace, backend: Backend, view: Any, exposure: _Exposure) -> None:
