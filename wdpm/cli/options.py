@@ -269,7 +269,8 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
         "--crop",
         type=values.region,
         metavar="LEFT,TOP,RIGHT,BOTTOM",
-        help="render only these pixels, with the same bits as in the whole image (default: all, or the scene's crop)",
+        help="render only these pixels, by the camera samples that they have in the whole image (default: all, or the "
+        "scene's crop)",
     )
 
 
