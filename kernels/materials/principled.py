@@ -192,10 +192,26 @@ def probability_coat(b: Bsdf, front: bool) -> wp.float32:
 
 @wp.func
 def probability_transmission(b: Bsdf, reflectance: wp.float32, front: bool) -> wp.float32:
-    """Share of transmission at a facet of the main lobe."""
-    if front:
-        return bsdf_share(b) * (1.0 - reflectance)
-    return 1.0 - reflectance
+    """Share of transmission at a facet of the main lobe: by what is transmitted there and what is reflected.
+
+    Mitsuba reflects all samples that are not transmitted, also those that stand for light that the diffuse part has:
+    of a surface that is glass by half every other sample, for the few per cent that Fresnel's formulas reflect.
+
+    Args:
+        reflectance: Fresnel's, at the facet.
+    """
+    if not front:
+        return 1.0 - reflectance
+    share = bsdf_share(b)
+    through = share * (1.0 - reflectance)
+    if share > 0.0 and share < 1.0:
+        most = wp.max(b.color)
+        through = through * wp.sqrt(most)
+        # a tinted reflection is brighter than Fresnel's where the colour is deep: as bright, in one channel, as it is
+        back = (1.0 - b.metallic) * reflectance + b.metallic * (most + (1.0 - most) * reflectance)
+        if through > 0.0:
+            through = through / (through + back)
+    return through
 
 
 @wp.func
@@ -363,10 +379,9 @@ def sample_disney_glossy(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec
         return sample_reflected(b, w_from, m)
     to = refract(w_from, m, at)
     if to[2] * w_from[2] < 0.0:
-        # Value over pdf: all that depends on the half vector cancels.
+        # Value over pdf: all that depends on the half vector cancels, but for the reflectance.
         scale = masking(GGX, alpha, to) / (1.0 - coat)
-        if not front:
-            scale = scale * share
+        scale = scale * (share * (1.0 - at.reflectance) / transmission)
         if mode == RADIANCE:
             scale = scale * at.ratio * at.ratio
         s.to = to

@@ -37,8 +37,10 @@ _ANISOTROPIC = wp.constant(RoughPane.KIND.slots["anisotropic"])
 _ETA = wp.constant(RoughPane.KIND.slots["eta"])
 _SPEC_TINT = wp.constant(RoughPane.KIND.slots["spec_tint"])
 
-_LEAST_SHARE = wp.constant(wp.float32(0.1))
+_LEAST_SHARE = wp.constant(wp.float32(0.05))
 """Of samples that reflect, and of those that do not."""
+
+_NEXT_TO_NOTHING = wp.constant(wp.float32(1e-6))
 
 
 @wp.struct
@@ -64,13 +66,6 @@ def turned(w: wp.vec3, like: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def share_reflected(b: Bsdf, w_from: wp.vec3) -> wp.float32:
-    """Share of samples that reflect: Fresnel's of the flat pane, but neither none nor all."""
-    reflectance = fresnel_dielectric(wp.abs(w_from[2]), b.eta[0]).reflectance
-    return _LEAST_SHARE + (1.0 - 2.0 * _LEAST_SHARE) * reflectance
-
-
-@wp.func
 def pane_reflection(b: Bsdf, c: wp.float32) -> wp.vec3:
     """Colour of reflection at a facet; c: cosine to its normal."""
     at = fresnel_dielectric(c, b.eta[0])
@@ -82,6 +77,21 @@ def pane_reflection(b: Bsdf, c: wp.float32) -> wp.vec3:
         root = (b.eta[0] - 1.0) / (b.eta[0] + 1.0)
         value = value + (schlick(tint(b.color) * (root * root), weight) - value) * b.spec_tint
     return value
+
+
+@wp.func
+def share_reflected(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+    """Share of samples that reflect: by what the lobes reflect and let through, but neither none nor all.
+
+    Told at one facet for all of them: light that grazes a rough pane meets facets that lean towards it, which reflect
+    far less than a flat pane does (as scenes.flat.plastic_coat has it).
+    """
+    mu = wp.abs(w_from[2])
+    alpha2 = wp.min(b.alpha[0] * b.alpha[1], 1.0)
+    c = wp.sqrt((mu * mu + alpha2) / (1.0 + alpha2))
+    back = wp.max(pane_reflection(b, c))
+    through = wp.max(b.color) * (1.0 - fresnel_dielectric(c, b.eta[0]).reflectance)
+    return _LEAST_SHARE + (1.0 - 2.0 * _LEAST_SHARE) * back / (back + wp.max(through, _NEXT_TO_NOTHING))
 
 
 @wp.func

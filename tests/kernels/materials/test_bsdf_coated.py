@@ -145,7 +145,8 @@ def test_plastic_is_mitsubas(name: str) -> None:
 
 @pytest.mark.parametrize("name", PRINCIPLES)
 def test_principled_is_mitsubas(name: str) -> None:
-    """But for the share of the diffuse part in samples, which Mitsuba has at half of them or a bit less."""
+    """But for the shares in samples of the diffuse part, which Mitsuba has at half of them or a bit less, and of
+    transmission, where not all light that is not reflected gets through."""
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
     values = PRINCIPLES[name]
@@ -162,7 +163,8 @@ def test_principled_is_mitsubas(name: str) -> None:
     strength = (1.0 - values.get("metallic", 0.0)) * (1.0 - values.get("spec_trans", 0.0))
     share = np.where(w_from[:, 2] > 0, strength / (strength + 1.0 + 0.25 * values.get("clearcoat", 0.0)), 0.0)
     by_shares = share * np.maximum(w_to[:, 2], 0.0) / np.pi + (1.0 - share) * got.pdf_glossy
-    np.testing.assert_allclose(by_shares[~from_back], pdf[~from_back], rtol=1e-3, atol=1e-6)
+    if values.get("spec_trans", 0.0) in (0.0, 1.0):
+        np.testing.assert_allclose(by_shares[~from_back], pdf[~from_back], rtol=1e-3, atol=1e-6)
     assert np.count_nonzero(value[:, 0]) > 100
 
 
@@ -250,6 +252,18 @@ def test_light_walls_of_disney_do_not_swell_paths(colour: tuple[float, float, fl
     for theta in (0.0, 40.0, 70.0):
         s = random_samples(b, direction(theta), 20000, 7)
         assert (np.square(s.weight).mean(axis=0) < 1.0).all(), theta
+
+
+@pytest.mark.parametrize("values", [{"spec_trans": 0.5}, {"spec_trans": 0.9, "metallic": 0.2}])
+def test_surfaces_that_are_glass_by_a_share_do_not_swell_paths(values: dict[str, float]) -> None:
+    """White, they have weights of about 1; with Mitsuba's share of transmission their mean square is 1.4 and more.
+
+    It may be a bit above 1, as Disney's formulas make up to 6 % more light than there is at grazing angles.
+    """
+    b = principled((1.0, 1.0, 1.0), roughness=0.2, eta=1.5, **values)
+    for theta in (0.0, 40.0, 70.0):
+        s = random_samples(b, direction(theta), 20000, 7, FLUX)
+        assert (np.square(s.weight).mean(axis=0) < 1.2).all(), theta
 
 
 @pytest.mark.parametrize("theta", [0.0, 50.0, 80.0])

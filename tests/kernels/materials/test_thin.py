@@ -21,6 +21,7 @@ from bsdf_testing import (
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.thin.rough_pane import ROUGH_PANE
 from wdpm.kernels.materials.thin.translucent import TRANSLUCENT
+from wdpm.kernels.materials.types import FLUX
 
 FEATURES = Features(translucent=True, rough_pane=True)
 COLOR = (0.9, 0.6, 0.3)
@@ -101,3 +102,14 @@ def test_no_light_is_made() -> None:
         assert np.all(kept > (0.95 if theta < 60 else 0.7))
     through = integrate(lambda w: evaluate(LEAF, direction(40.0), w, features=FEATURES).all).sum(axis=(0, 1))
     np.testing.assert_allclose(through, COLOR, rtol=1e-3)
+
+
+@pytest.mark.parametrize("roughness", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("colour", [(1.0, 1.0, 1.0), (0.8, 0.1, 0.05)])
+def test_rough_panes_do_not_swell_paths(colour: tuple[float, float, float], roughness: float) -> None:
+    """Samples are shared out by what the lobes reflect and let through, also of light that grazes rough facets."""
+    b = pane(roughness)
+    b.color = type(b.color)(*colour)
+    for theta in (0.0, 60.0, 80.0, 89.0):
+        s = random_samples(b, direction(theta), 20000, 3, FLUX, features=FEATURES)
+        assert (np.square(s.weight).mean(axis=0) < 1.1).all(), theta
