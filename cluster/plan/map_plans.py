@@ -121,9 +121,9 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
         caustic_k = fewer_neighbours(caustic_k, expected[CAUSTIC_MAP])
     radii = [
         _given(settings, "radius", unit)
-        or _gather_radius(measured.radii[GLOBAL_MAP], stored[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
+        or _gather_radius(measured, GLOBAL_MAP, stored[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
         _given(settings, "caustic_radius", unit)
-        or _gather_radius(measured.radii[CAUSTIC_MAP], stored[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
+        or _gather_radius(measured, CAUSTIC_MAP, stored[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
         _given(settings, "volume_radius", unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
@@ -153,7 +153,8 @@ class _Measured:
     Attributes:
         caustics: what the caustic map is worth.
         area: of the scene.
-        radii: in which the median photon of the global and of the caustic map has PILOT_K others; 0 of too few.
+        radii: in which the median photon of the global and of the caustic map has others, as many as `_others` says;
+            0 of too few.
     """
 
     caustics: MapWorth
@@ -262,15 +263,16 @@ def volume_unit(photons: Sequence[Arrays], volume_map: MapPlan, flat: FlatScene)
 
 
 def _median_radius(pilot: PhotonPilot, number: int, flat: FlatScene) -> float:
-    """The radius in which the median of the pilot's photons of a map has PILOT_K others; 0 where there are too few."""
+    """The radius in which the median of the pilot's photons of a map has `_others`; 0 where there is but one."""
     photons = pilot.photons[number]
     position, normal = photons["position"], photons["normal"]
-    if len(position) <= PILOT_K:
+    others = _others(len(position))
+    if not others:
         return 0.0
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
     # A photon with no others that face alike would look through the whole scene: the median need not know how far.
     for furthest in (NEAR * flat.extent, flat.extent):
-        _, found = pilot.among(number).gather(position[queries], normal[queries], furthest)
+        _, found = pilot.among(number).gather(position[queries], normal[queries], furthest, others)
         median, next_to_it = (
             float(np.quantile(found, RADIUS_QUANTILE, method=which)) for which in ("linear", "higher")
         )
@@ -279,17 +281,29 @@ def _median_radius(pilot: PhotonPilot, number: int, flat: FlatScene) -> float:
     return median
 
 
-def _gather_radius(median: float, stored: int, k: int, expected: float, extent: float) -> float:
+def _others(stored: int) -> int:
+    """How many others the density about a photon is told by, among so many."""
+    return min(PILOT_K, max(stored - 1, 0))
+
+
+def _gather_radius(measured: _Measured, number: int, stored: int, k: int, expected: float, extent: float) -> float:
     """A gather radius from the density of the pilot's photons, scaled to the number expected.
 
+    Where next to nothing lands it is of the scene's order. With a narrow one each photon is a bright disc by itself:
+    of the light that a glossy floor sends up through a room, a few round spots on its walls.
+
     Args:
-        median: of the pilot's photons (_median_radius), of which there are `stored`.
+        number: of the map, of which the pilot stored `stored` photons.
     """
-    if stored <= PILOT_K or not expected:
-        return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
+    if not expected:
+        return extent / 16.0
+    others = _others(stored)
+    if not others:
+        return min(math.sqrt(k * measured.area / (math.pi * expected)), extent)
     # Photons on a surface: as many times denser, as many times less area for the same number.
     denser = expected / stored
-    return RADIUS_MARGIN * median * math.sqrt(k / PILOT_K / denser)
+    radius = RADIUS_MARGIN * measured.radii[number] * math.sqrt(k / others / denser)
+    return radius if others == PILOT_K else min(radius, extent)
 
 
 def point_area(area: float, radius: float, photons: float, in_disc: int = POINTS_IN_DISC) -> float:

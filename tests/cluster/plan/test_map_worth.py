@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tests.helpers.effect_scenes import Builder, camera
+from wdpm.cluster.batch import take
 from wdpm.cluster.plan import map_worth
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import (
@@ -103,6 +104,22 @@ def test_a_map_whose_light_is_seen_has_all_its_paths() -> None:
     plans = plans_of(3.0)
     assert plans.maps[1].paths > SETTINGS.caustic_photons
     assert plans.caustic_k == SETTINGS.caustic_k
+
+
+@pytest.mark.parametrize("stored", [1, 2, 5])
+def test_gathers_reach_as_far_as_photons_lie_apart_however_few_the_pilot_stored(stored: int) -> None:
+    """Narrower ones show each photon of a sparse caustic map as a bright disc by itself."""
+    flat = flatten(on_a_floor(3.0))
+    pilot = fly_pilot(flat, features_of(flat, SETTINGS), SETTINGS, Launcher("cpu"))
+
+    def spread(photons: int) -> float:
+        """Area of the widest gather by photon that it looks for, times photons: how far these lie apart."""
+        chosen = np.linspace(0, len(pilot.photons[1]["id"]) - 1, photons + 2)[1:-1].astype(np.intp)
+        few = replace(pilot, photons=[pilot.photons[0], take(pilot.photons[1], chosen), pilot.photons[2]])
+        plans = map_plans(few, SETTINGS, flat)
+        return plans.maps[1].radius ** 2 * plans.expected[1] / plans.caustic_k
+
+    assert 0.1 < spread(stored) / spread(17) < 10.0
 
 
 def test_a_faint_caustic_has_fewer_paths_and_the_plan_says_so_and_one_that_is_most_of_the_light_has_all() -> None:
