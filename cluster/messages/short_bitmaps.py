@@ -39,7 +39,7 @@ class ShortBitmap:
     Attributes:
         palette: what the numbers of `pixels` stand for, float32, shape [N], N <= 256; none if these are no numbers.
         pixels: of the bitmap: its values, or the number of each in the palette, uint8, shape [height, width, 3].
-        name, wrap, interpolation, to_uv: the bitmap's.
+        name, wrap, interpolation, to_uv, tinted: the bitmap's.
     """
 
     name: str
@@ -48,6 +48,7 @@ class ShortBitmap:
     wrap: Wrap
     interpolation: Interpolation
     to_uv: NDArray[np.float64]
+    tinted: bool
 
 
 _shortened: weakref.WeakKeyDictionary[Bitmap, ShortBitmap] = weakref.WeakKeyDictionary()
@@ -58,7 +59,9 @@ def shorten(bitmap: Bitmap) -> ShortBitmap:
     found = _shortened.get(bitmap)
     if found is None:
         palette, pixels = _numbered(bitmap.pixels) or (np.empty(0, np.float32), bitmap.pixels)
-        found = ShortBitmap(bitmap.name, palette, pixels, bitmap.wrap, bitmap.interpolation, bitmap.to_uv)
+        found = ShortBitmap(
+            bitmap.name, palette, pixels, bitmap.wrap, bitmap.interpolation, bitmap.to_uv, bitmap.tinted
+        )
         if len(palette):  # otherwise the bitmap would be kept by itself
             _shortened[bitmap] = found
     return found
@@ -73,7 +76,7 @@ def lengthen(short: ShortBitmap, where: str) -> Bitmap:
         if len(short.palette) > MOST_COLOURS or (pixels.size and int(pixels.max()) >= len(short.palette)):
             raise ProtocolError(f"{where} has pixels that its palette of {len(short.palette)} does not")
         pixels = _looked_up(short.palette, pixels)
-    return Bitmap(short.name, pixels, short.wrap, short.interpolation, short.to_uv)
+    return Bitmap(short.name, pixels, short.wrap, short.interpolation, short.to_uv, short.tinted)
 
 
 def _numbered(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.uint8]] | None:

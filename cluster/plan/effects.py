@@ -8,7 +8,7 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LIGHT_KINDS
-from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
+from wdpm.scenes.flat.material_facts import MaterialFacts, facts, features_of_texture
 from wdpm.scenes.flat.used_media import calls_for_grids, calls_for_media
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         return ALL
     lights, found = flat.lights, [fact for _, fact in used_materials(flat)]
     glow = [flat.textures[number] for number in (*lights.emitter_texture, *lights.delta_texture) if number >= 0]
-    called = {FEATURE_OF_TEXTURE[type(texture)] for texture in glow}.union(*(fact.features for fact in found))
+    called = set[str]().union(*map(features_of_texture, glow), *(fact.features for fact in found))
     called |= {LIGHT_KINDS[number].feature for number in lights.delta_kind.tolist()}
     return Features(
         **dict.fromkeys(called, True),

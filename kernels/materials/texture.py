@@ -23,6 +23,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 BITMAP = wp.constant(0)
 CHECKERBOARD = wp.constant(1)
 VERTEX_COLORS = wp.constant(2)
+TINTED_BITMAP = wp.constant(3)
+"""An image that is multiplied by the colours of vertices."""
 
 WRAP_REPEAT = wp.constant(0)
 WRAP_MIRROR = wp.constant(1)
@@ -77,7 +79,7 @@ def _texels(pixels: Sequence[NDArray[np.float32]], device: str) -> Any:
 
 def _kind(texture: Texture) -> int:
     if isinstance(texture, Bitmap):
-        return int(BITMAP)
+        return int(TINTED_BITMAP) if texture.tinted else int(BITMAP)
     return int(CHECKERBOARD) if isinstance(texture, Checkerboard) else int(VERTEX_COLORS)
 
 
@@ -245,6 +247,9 @@ def make_textures(features: Features) -> TextureCode:
         if wp.static(features.vertex_colors):
             if textures.kind[texture] == VERTEX_COLORS:
                 return wp.cw_mul(color, textures.texel[int(textures.start[texture])])
+            if wp.static(features.bitmaps):
+                if textures.kind[texture] == TINTED_BITMAP:
+                    return wp.cw_mul(color, bitmap_at(textures, texture, uv))
         if wp.static(features.bitmaps):
             if textures.kind[texture] == BITMAP:
                 return bitmap_at(textures, texture, uv)

@@ -16,12 +16,11 @@ from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColo
 
 _OF_NODES: dict[int, str] = {mt.BLEND: "blend", mt.MASK: "passing", mt.BUMP_MAP: "bent", mt.NORMAL_MAP: "bent"}
 
-FEATURE_OF_TEXTURE: dict[type[Texture], str] = {
+_OF_TEXTURES: dict[type[Texture], str] = {
     Bitmap: "bitmaps",
     Checkerboard: "checkerboards",
     VertexColors: "vertex_colors",
 }
-"""The field of kernels.features.Features that each kind of texture calls for."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +44,12 @@ class MaterialFacts:
         return name in self.features or {"diffuse": self.diffuse, "glossy": self.glossy}.get(name, False)
 
 
+def features_of_texture(texture: Texture) -> set[str]:
+    """The fields of kernels.features.Features that a texture calls for."""
+    tint = {"vertex_colors"} if isinstance(texture, Bitmap) and texture.tinted else set()
+    return {_OF_TEXTURES[type(texture)]} | tint
+
+
 def facts(table: MaterialTable, textures: Sequence[Texture]) -> tuple[MaterialFacts, ...]:
     """The facts of each material, in the order of the table's roots.
 
@@ -65,9 +70,8 @@ def _facts_of(
     features |= {"rough" for kind, row in leaves if kind.is_rough(row)}
     features |= {"passing" for kind, _ in leaves if kind.straight}
     features |= {_OF_NODES[kind] for kind in table.kind[nodes].tolist() if kind in _OF_NODES}
-    features |= {
-        FEATURE_OF_TEXTURE[type(textures[number])] for number in np.unique(table.texture[nodes]) if number >= 0
-    }
+    for number in np.unique(table.texture[nodes]).tolist():
+        features |= features_of_texture(textures[number]) if number >= 0 else set()
     return MaterialFacts(
         features=frozenset(features),
         diffuse=diffuse,

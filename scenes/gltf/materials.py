@@ -145,10 +145,12 @@ class _Converter:
 
     def convert(self, *, colored: bool) -> GltfMaterial:
         factor = self._base_factor()
-        tint = (factor[0], factor[1], factor[2]) if colored and "baseColorTexture" not in self._pbr else None
-        if colored and tint is None:
-            self._warn("its base colour is a texture, so vertex colours are ignored")
-        base: Color = self._base_color(factor) if tint is None else VertexColors(COLOR_ATTRIBUTE)
+        base: Color = self._base_color(factor)
+        tint: RGB | None = None
+        if colored and isinstance(base, Bitmap):  # the factor is in it
+            base, tint = replace(base, tinted=True), WHITE
+        elif colored:
+            base, tint = VertexColors(COLOR_ATTRIBUTE), (factor[0], factor[1], factor[2])
         bsdf = self._with_opacity(self._scattering(base), factor[3])
         emission = self._emission()
         self._warn_about_rest()

@@ -39,6 +39,7 @@ class Bitmap:
         pixels: linear RGB, float32, shape [height, width, 3]; row 0 is the top of the image, which lies at v = 1.
         to_uv: affine map of texture coordinates applied before the lookup, shape [3, 3] (row vectors of a 2-D
             homogeneous matrix that multiplies the column (u, v, 1)).
+        tinted: whether it is multiplied by the colours at the mesh's vertices (Mesh.colors).
     """
 
     name: str
@@ -46,6 +47,7 @@ class Bitmap:
     wrap: Wrap = Wrap.REPEAT
     interpolation: Interpolation = Interpolation.BILINEAR
     to_uv: NDArray[np.float64] = field(default_factory=_identity)
+    tinted: bool = False
 
     def __post_init__(self) -> None:
         """Pixels of another type become float32: kernels and the wire take nothing else."""

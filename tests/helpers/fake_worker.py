@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -292,7 +293,7 @@ def make_world(cells: int, paths: int = 1000) -> World:
     return World(
         features=Features(bitmaps=True),
         materials=table,
-        textures=(*textures, Checkerboard("squares")),
+        textures=(*textures, replace(grey, tinted=True), Checkerboard("squares")),
         lights=make_lights(),
         media=Media(
             np.ones((1, 3), np.float32),

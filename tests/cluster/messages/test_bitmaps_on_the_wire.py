@@ -83,6 +83,6 @@ def test_a_texture_is_shortened_once_for_all_receivers() -> None:
     ],
 )
 def test_what_is_no_texture_is_refused(palette: NDArray[np.float32], pixels: NDArray[Any], error: str) -> None:
-    short = ShortBitmap("wall", palette, pixels, Wrap.REPEAT, Interpolation.BILINEAR, np.eye(3))
+    short = ShortBitmap("wall", palette, pixels, Wrap.REPEAT, Interpolation.BILINEAR, np.eye(3), tinted=False)
     with pytest.raises(ProtocolError, match=error):
         lengthen(short, "there")

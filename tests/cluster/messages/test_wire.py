@@ -380,7 +380,7 @@ def lights(**fields: Any) -> LightTable:
         (setup(materials=materials(child=np.zeros((1, 2), np.int32))), "a node inside another"),
         (setup(materials=materials(kind=np.full(1, 99, np.int32))), "materials.kind is 99"),
         (setup(lights=lights(medium=np.full(1, 1, np.int32))), "lights.medium is 1 to 1"),
-        (setup(lights=lights(emitter_texture=np.full(1, 2, np.int32))), "emitter_texture"),
+        (setup(lights=lights(emitter_texture=np.full(1, 3, np.int32))), "emitter_texture"),
         (setup(lights=lights(light=np.ones(1, np.int32))), "lights.light is 1 to 1"),
         (setup(lights=lights(power=np.ones(2), light=np.zeros(2, np.int32))), "power of 2 elements; there are 1"),
         (setup(volume_unit=0.0), "extent"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -246,3 +248,14 @@ def test_specialised_lookup_gives_the_same_bits() -> None:
         for one, other in zip(every, alone, strict=True):
             np.testing.assert_array_equal(one.view(np.uint32), other.view(np.uint32))
         assert len(np.unique(every[0], axis=0)) > 1
+
+
+def test_tinted_images_are_multiplied_by_the_colours_of_vertices() -> None:
+    bitmap = Bitmap("noise", noise(9, 4, 5))
+    rng = np.random.default_rng(10)
+    uv = rng.uniform(0, 1, (200, 2)).astype(np.float32)
+    colour = rng.uniform(0, 1, (200, 3)).astype(np.float32)
+    images = np.zeros(200, np.int32)
+    plain, _ = values([bitmap], images, uv, colour)
+    tinted, _ = values([replace(bitmap, tinted=True)], images, uv, colour)
+    np.testing.assert_array_equal(tinted, plain * colour)

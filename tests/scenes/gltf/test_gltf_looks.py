@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import struct
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import PIL.Image
 import pytest
 from test_gltf_extensions import square, uri
 
-from wdpm.scenes import SceneError, load
+from wdpm.scenes import Bitmap, SceneError, load
 from wdpm.scenes.model.bsdfs import Blend, Bsdf, Conductor, Diffuse, Principled
 
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"
@@ -51,9 +54,9 @@ def test_extensions_beside_materials_that_are_not_read_are_told_of(tmp_path: Pat
     assert said.endswith("left out: EXT_lights_image_based, KHR_node_visibility")
 
 
-@pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
-def test_opacity_of_vertex_colours_is_told_of_where_it_matters(tmp_path: Path, mode: str) -> None:
-    file = square(tmp_path, materials=[{"alphaMode": mode}])
+def colored_square(folder: Path, **changes: Any) -> Path:
+    """A rectangle with colours of vertices, half opaque."""
+    file = square(folder, **changes)
     document = json.loads(file.read_text())
     colours = [1.0, 0.5, 0.0, 0.5] * 4
     blob = struct.pack("<16f", *colours)
@@ -62,7 +65,30 @@ def test_opacity_of_vertex_colours_is_told_of_where_it_matters(tmp_path: Path, m
     document["buffers"].append({"byteLength": len(blob), "uri": uri(blob)})
     document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
     file.write_text(json.dumps(document))
+    return file
+
+
+@pytest.mark.parametrize("mode", ["OPAQUE", "MASK", "BLEND"])
+def test_opacity_of_vertex_colours_is_told_of_where_it_matters(tmp_path: Path, mode: str) -> None:
+    file = colored_square(tmp_path, materials=[{"alphaMode": mode}])
     assert any("the opacity in its COLOR_0" in warning for warning in load(file).warnings) == (mode != "OPAQUE")
+
+
+def test_a_base_colour_is_factor_times_texture_times_vertex_colour(tmp_path: Path) -> None:
+    """The specification, section 3.9.2."""
+    texel = io.BytesIO()
+    PIL.Image.new("RGB", (1, 1), (255, 0, 255)).save(texel, "PNG")
+    pbr = {"baseColorFactor": [0.5, 1.0, 0.25, 1.0], "baseColorTexture": {"index": 0}}
+    images = {"images": [{"uri": uri(texel.getvalue())}], "textures": [{"source": 0}]}
+    scene = load(colored_square(tmp_path, materials=[{"pbrMetallicRoughness": pbr}], **images))
+    bsdf = scene.materials[scene.meshes[0].material].bsdf
+    assert isinstance(bsdf, Principled)
+    base = bsdf.base_color
+    assert isinstance(base, Bitmap)
+    assert base.tinted
+    np.testing.assert_allclose(base.pixels, [[[0.5, 0.0, 0.25]]])
+    assert scene.meshes[0].colors is not None
+    np.testing.assert_allclose(scene.meshes[0].colors, [[1.0, 0.5, 0.0]] * 4)
 
 
 def test_a_grey_gloss_is_a_dielectrics(tmp_path: Path) -> None:
