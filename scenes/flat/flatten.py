@@ -18,6 +18,7 @@ from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.arrays import ARRAYS, NO_TRIANGLES, Media, Triangles
 from wdpm.scenes.flat.dropped import CAUSES, KEPT, counted, drop_cause, mark_small
 from wdpm.scenes.flat.grids import tabulate_grids
+from wdpm.scenes.flat.lamps.hidden import hides_lamps
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
@@ -38,7 +39,7 @@ class FlatScene:
     """A scene as arrays, in the renderer's space (renderer_space): the middle of its bounding box is the origin.
 
     Attributes:
-        triangles: numbered in the order of the meshes, without the dropped ones.
+        triangles: numbered in the order of the meshes, without the dropped ones; lamps first where one is hidden.
         materials: its first rows are what Triangles.material names.
         material_names: of those first rows.
         textures: each once.
@@ -80,6 +81,9 @@ def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO, room: Room =
     emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
     rows = _Rows(scene, [space.material(material) for material in scene.materials])
     triangles, dropped = _triangles(scene.meshes, emitters, space, rows, instancing, room)
+    if hides_lamps(triangles):
+        others = [mesh for mesh in scene.meshes if not _glows(mesh)]
+        triangles, dropped = _triangles([*emitters, *others], emitters, space, rows, instancing, room)
     if triangles.total == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = space.camera(scene.camera)

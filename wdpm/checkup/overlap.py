@@ -81,7 +81,7 @@ def check_overlaps(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterato
         "coplanar",
         ~apart & unlike,
         "surfaces of different materials that overlap in one plane",
-        "sees the one that comes first in the file, everywhere alike",
+        "sees the lamp, or else the one that comes first in the file, everywhere alike",
         "remove the one that should not be seen, or move it by more than a millionth of the scene's size",
     )
     doubled = (

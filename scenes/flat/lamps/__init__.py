@@ -1,0 +1,1 @@
+"""What is found out about lamps before triangles are numbered."""
