@@ -117,13 +117,17 @@ def read_by_lines(file: Path) -> ObjFile:
     return _Parser(file).parse(file.read_text(encoding="utf-8-sig", errors="replace"))
 
 
+COLORED = (7, 8)
+"""Words of a vertex with a colour behind its position; an eighth is its opacity, which is not read."""
+
+
 def uncolored_vertex(file: Path) -> int:
     """The line of the first vertex without a colour, or with words for one, of a file that is partly coloured.
 
     Readers do not keep it, as lines take more room than vertices, and such files are rare.
     """
     for line, words in _lines(file.read_text(encoding="utf-8-sig", errors="replace")):
-        if words[0] == "v" and not (len(words) == 7 and all(_is_number(word) for word in words[4:])):
+        if words[0] == "v" and not (len(words) in COLORED and all(_is_number(word) for word in words[4:7])):
             return line
     raise AssertionError("asked for a file in which all vertices have colours")
 
@@ -155,8 +159,8 @@ class _Parser:
             keyword = words[0]
             if keyword in numbers:
                 numbers[keyword].add(words, line, self.file)
-                if keyword == "v" and len(words) == 7:
-                    self.colors.append(words[4:])
+                if keyword == "v" and len(words) in COLORED:
+                    self.colors.append(words[4:7])
             elif keyword in ("f", "fo"):  # fo is an old spelling
                 seen = len(self.positions.rows), len(self.uvs.rows), len(self.normals.rows)
                 number = self.materials.setdefault(material, len(self.materials))

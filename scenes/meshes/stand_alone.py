@@ -13,7 +13,7 @@ from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.mtl import MtlMaterial, read_mtl
 from wdpm.scenes.meshes.obj import read_obj, uncolored_vertex
 from wdpm.scenes.meshes.obj_file import ObjFile
-from wdpm.scenes.meshes.off import read_off
+from wdpm.scenes.meshes.off import has_colored_faces, read_off
 from wdpm.scenes.meshes.ply import read_ply
 from wdpm.scenes.meshes.stl import read_stl
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR, screen_colors
@@ -42,6 +42,8 @@ def read_stand_alone(file: Path, size: tuple[int, int] | None = None, frame: Fra
     read = {".ply": read_ply, ".stl": read_stl, ".off": read_off}[file.suffix.lower()]
     warnings: list[str] = []
     mesh, material = _colored(file.stem, read(file), 0, file, warnings)
+    if read is read_off and has_colored_faces(file):
+        warnings.append(f"{file.name}: colours of faces are ignored; those of vertices are read (COFF)")
     return framed_scene(file.stem, [mesh], [material], size=size, warnings=warnings, frame=frame)
 
 

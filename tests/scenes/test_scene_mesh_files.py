@@ -250,6 +250,18 @@ def test_off(tmp_path: Path) -> None:
     assert np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2].sum() == 2.0  # twice the area, all facing up
 
 
+@pytest.mark.parametrize("full", ["255", "1.0"])
+def test_colours_of_an_off_file(tmp_path: Path, full: str) -> None:
+    file = tmp_path / "m.off"
+    rows = [f"0 0 0 {full} 0 0 {full}", f"1 0 0 0 {full} 0 {full}", f"1 1 0 0 0 {full} {full}"]
+    file.write_text("COFF\n3 1 0\n" + "\n".join(rows) + "\n3 0 1 2\n")
+    scene = load(file)
+    np.testing.assert_allclose(scene.meshes[0].colors, np.eye(3))
+    assert not any("colour" in warning for warning in scene.warnings)
+    file.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 2 255 0 0\n")
+    assert any("colours of faces are ignored" in warning for warning in load(file).warnings)
+
+
 def test_bytes_of_any_encoding_in_an_off_file(tmp_path: Path) -> None:
     """In comments they say nothing; anywhere else they are no numbers."""
     file = tmp_path / "m.off"

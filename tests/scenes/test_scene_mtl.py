@@ -271,8 +271,11 @@ def test_colours_of_a_bare_ply(tmp_path: Path, kind: str, colour: str, middle: f
     np.testing.assert_allclose(scene.meshes[0].colors, [[1.0, middle, 0.0]] * 3, atol=1e-6)
 
 
-def test_colours_of_a_bare_obj(tmp_path: Path) -> None:
-    (tmp_path / "m.obj").write_text("".join(f"v {place} 1 0 0\n" for place in PLACES) + "f 3 2 1\n")
+@pytest.mark.parametrize("colour", ["1 0 0", "1 0 0 0.5"])
+@pytest.mark.parametrize("face", ["f 3 2 1", "f 3 2 \\\n1"], ids=["plain", "with a line that goes on"])
+def test_colours_of_a_bare_obj(tmp_path: Path, colour: str, face: str) -> None:
+    """By either reader; opacity is not read."""
+    (tmp_path / "m.obj").write_text("".join(f"v {place} {colour}\n" for place in PLACES) + f"{face}\n")
     colors = load(tmp_path / "m.obj").meshes[0].colors
     np.testing.assert_array_equal(colors, [[1, 0, 0]] * 3)
 

@@ -211,9 +211,9 @@ def _vertices(
         own = kinds == kind
         found.append((values if own.all() else values[np.repeat(own, counts)], counts[own]))
     positions, sizes = _rows(*found[0], least=3, width=3), found[0][1]
-    colors = np.zeros((0, 3))
-    if (sizes == 6).any():
-        colors = found[0][0][np.repeat(sizes == 6, sizes)].reshape(-1, 6)[:, 3:]
+    colored = np.flatnonzero((sizes == 6) | (sizes == 7))  # a seventh number is opacity
+    first = (np.cumsum(sizes) - sizes)[colored]
+    colors = found[0][0][first[:, None] + np.arange(3, 6)].reshape(-1, 3)
     normals = _rows(*found[2], least=3, width=3)
     uvs = _rows(*found[1], least=1, width=2)
     for rows in (positions, uvs, normals):
