@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-if sys.platform != "win32":
+try:
     import resource  # now: where a process has no file left to open it cannot be loaded when all is rendered
+except ModuleNotFoundError:  # POSIX alone has it
+    resource = None  # type: ignore[assignment]
 
 SHARE_OF_MEMORY = 0.5
 """Of a machine's memory that its slaves may fill with the scene, its photons and copies of them."""
@@ -88,7 +90,7 @@ def _installed_memory() -> int:
 
 def peak_memory() -> int:
     """Most memory that this process has had in use [bytes]."""
-    if sys.platform == "win32":
+    if resource is None:
         import psutil
 
         return int(psutil.Process().memory_info().peak_wset)

@@ -7,12 +7,13 @@ a render, and limits that a user may raise himself (soft ones; mostly 1,024) are
 from __future__ import annotations
 
 import contextlib
-import sys
 
 from wdpm.scenes.errors import SettingsError
 
-if sys.platform != "win32":
+try:
     import resource
+except ModuleNotFoundError:  # POSIX alone has it
+    resource = None  # type: ignore[assignment]
 
 OWN = 40
 """What a master or slave has open besides: libraries, pipes, kernels, files that it writes."""
@@ -32,7 +33,7 @@ def allow(slaves: int) -> int | None:
     Returns:
         The limit; None if there is none.
     """
-    if sys.platform == "win32":
+    if resource is None:
         return None
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = needed(slaves)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from wdpm.scenes.flat.arrays import Triangles
 
 MOST_PLANES: Final = 32
-"""That lamps lie in, the largest first: a ball of light has as many as triangles, and no ceiling in any."""
+"""That lamps lie in, the largest first."""
 
-MOST_LOOKS: Final = 1 << 26
-"""At triangles, for all planes: a quarter of a second. In scenes of millions the largest lamps alone are looked at."""
+MOST_LOOKS: Final = 1 << 22
+"""At triangles, for all planes: some hundredths of a second. In scenes of millions only the largest lamps are."""
 
 IN_PLANE: Final = 2.0**-22
 """Surfaces closer than this, as a share of the coordinates, are in one plane as far as float32 can tell."""
@@ -36,7 +36,11 @@ def hides_lamps(triangles: Triangles) -> bool:
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.linalg.norm(normals, axis=1)
     normals /= np.maximum(size, np.finfo(np.float64).tiny)[:, None]
-    before = int(lamps[-1])
+    flat = _flat(triangles.emitter[lamps], corners, normals)
+    lamps, corners, normals, size = lamps[flat], corners[flat], normals[flat], size[flat]
+    before = int(lamps[-1]) if len(lamps) else 0
+    if not before:
+        return False
     planes = min(MOST_PLANES, max(MOST_LOOKS // before, 1))
     waiting = np.argsort(-size, kind="stable")
     for _ in range(planes):
@@ -48,6 +52,21 @@ def hides_lamps(triangles: Triangles) -> bool:
         if _is_covered(triangles, lamps[own], corners[own], normals[largest]):
             return True
     return False
+
+
+def _flat(emitter: NDArray[Any], corners: NDArray[Any], normals: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which triangles are of lamps that lie in one plane each: no other lies in a ceiling's as a whole.
+
+    Args:
+        emitter: lamp of each, shape [L].
+        corners, normals: of the triangles, shape [L, 3, 3] and [L, 3].
+    """
+    _, first, lamp = np.unique(emitter, return_index=True, return_inverse=True)
+    point, normal = corners[first, 0][lamp], normals[first][lamp]
+    off = np.abs(np.einsum("lca,la->lc", corners - point[:, None], normal)).max(axis=1)
+    reach = np.maximum(np.abs(corners).max(axis=(1, 2)), np.abs(point).max(axis=1))
+    beside = np.bincount(lamp, off > IN_PLANE * reach, len(first))
+    return np.asarray(beside[lamp] == 0)
 
 
 def _is_covered(triangles: Triangles, lamps: NDArray[np.intp], corners: NDArray[Any], normal: NDArray[Any]) -> bool:

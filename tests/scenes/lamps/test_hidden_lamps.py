@@ -65,3 +65,12 @@ def test_a_lamp_of_many_that_is_covered_is_found() -> None:
     assert not (
         flatten(scene(replace(ceiling, vertices=ceiling.vertices + 0.3), *lamps)).triangles.emitter[:2] >= 0
     ).any()
+
+
+def test_a_curved_lamp_is_in_no_plane() -> None:
+    """Whatever else shines: here the very first triangle."""
+    first = Mesh("first", np.eye(3), np.array([[0, 1, 2]]), None, None, 0, (1.0, 1.0, 1.0))
+    corners = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1.5]]) * 0.5
+    bent = Mesh("bent", corners, np.array([[0, 1, 2], [0, 2, 3]]), None, None, 0, (1.0, 1.0, 1.0))
+    ceiling = square("ceiling", 3.0, 0.5, np.eye(3))
+    assert not hides_lamps(flatten(scene(first, ceiling, bent)).triangles)
