@@ -69,6 +69,7 @@ class Rendering:
 
         monkeypatch.setattr(PassRenderer, "render", timed)
         monkeypatch.setattr(InProcess, "prepare", counted)
+        monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 1.0)  # whatever else the machine does
 
     def of(self, scene: Scene, budget: float, backend: Backend | None = None, **chosen: Any) -> TimedRender:
         """What fills a time."""
@@ -125,7 +126,6 @@ def test_the_first_pass_is_a_part_of_the_time(
     seconds: float, side: int, samples: int, room: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the pixels, the cores, and what a sample is likely to take."""
-    monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 1.0)
     scene = replace(room, camera=replace(room.camera, width=side, height=side))
     timed = Rendering(0.2, 0.05, monkeypatch).of(scene, seconds)
     assert timed._samples_of_first() == samples
@@ -147,9 +147,9 @@ def test_times_that_are_told_are_of_all_passes_and_of_what_was_before(
     clock = Rendering(0.2, 0.05, monkeypatch, plan=0.4)
     asked = _render_in_time(clock.of(room, 10.0), Goal(seconds=10.0)).metadata["asked"]
     passes = sum(0.2 + 0.05 * samples for samples in asked["pass_samples"])
-    # Those of a compiler go by on the machine's clock, which is not this one.
-    assert asked["seconds"] + asked["pilot_seconds"] + asked["compile_seconds"] == pytest.approx(clock.now, abs=0.5)
-    assert asked["seconds"] == pytest.approx(passes, abs=0.5)
+    assert asked["seconds"] == pytest.approx(passes)
+    # Less what a compiler took, which goes by on the machine's clock, and not on this one.
+    assert asked["pilot_seconds"] <= clock.now - passes + 1e-6
     assert 0.8 * asked["predicted_seconds"] < passes <= asked["predicted_seconds"]
 
 
