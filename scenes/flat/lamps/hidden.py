@@ -94,8 +94,12 @@ def _is_covered(triangles: Triangles, lamps: NDArray[np.intp], corners: NDArray[
 
 def _in_plane(corners: NDArray[Any], point: NDArray[Any], normal: NDArray[Any]) -> NDArray[np.bool_]:
     """Of some triangles, shape [T, 3, 3], which lie in the plane of a point and a normal."""
-    off = np.abs((corners - point) @ normal).max(axis=1)
-    return np.asarray(off <= IN_PLANE * np.maximum(np.abs(corners).max(axis=(1, 2)), np.abs(point).max()))
+    reach = max(float(np.abs(corners).max(initial=0.0)), float(np.abs(point).max()))
+    near = np.abs(corners[:, 0] @ normal - point @ normal) <= 2.0 * IN_PLANE * reach  # most are not
+    some = corners[near]
+    off = np.abs((some - point) @ normal).max(axis=1)
+    near[near] = off <= IN_PLANE * np.maximum(np.abs(some).max(axis=(1, 2)), np.abs(point).max())
+    return np.asarray(near)
 
 
 def _inside(places: NDArray[Any], triangles: NDArray[Any]) -> bool:
