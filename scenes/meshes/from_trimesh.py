@@ -22,6 +22,7 @@ from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR, screen_colors
 from wdpm.scenes.model.bsdfs import GREY
+from wdpm.scenes.model.checks import check_mesh
 from wdpm.scenes.model.lights import DirectionalLight, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse, horizontal_fov
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, VertexColors
@@ -52,6 +53,8 @@ def read_trimesh(source: Meshes, size: tuple[int, int] | None = None) -> Scene:
             reader.add(_name_of(mesh, f"mesh {number}"), mesh, None)
     if not reader.meshes:
         raise SceneError("trimesh: the scene is empty: it has no triangles")
+    for found in reader.meshes:  # where a camera has to stand is worked out from them
+        check_mesh(found, len(reader.materials), None)
     return completed_scene(
         "trimesh",
         reader.meshes,

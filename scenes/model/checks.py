@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bounds import are_finite
 from wdpm.scenes.model.bsdfs import vertex_attributes, walk
+from wdpm.scenes.model.lights import DeltaLight, Light
 from wdpm.scenes.model.scene import Camera, Instance, Material, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
 from wdpm.scenes.model.volumes import Volume
@@ -21,11 +23,14 @@ MOST_WARNINGS = 5
 """That an error repeats."""
 
 
-def check_scene(scene: Scene, file: Path | None = None) -> Scene:
+def check_scene(scene: Scene, file: Path | None = None, *, drops: bool = False) -> Scene:
     """Returns the scene, or says what is wrong with it.
 
+    Args:
+        drops: vertices may be not finite, since who renders leaves out their triangles, and counts them.
+
     Raises:
-        SceneError: no triangles, no light, a size below 1, non-finite values, indices out of range.
+        SceneError: no triangles, no light, a size below 1, non-finite values, indices out of range, no arrays.
     """
     for material in scene.materials:
         _check_material(material, file)
@@ -33,7 +38,7 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     for mesh in scene.meshes:
         shape = mesh.shape if isinstance(mesh, Instance) else mesh
         if id(shape) not in reach:
-            _check_mesh(shape, len(scene.materials), file)
+            check_mesh(shape, len(scene.materials), file, drops=drops)
             reach[id(shape)] = float(max(shape.vertices.max(initial=0.0), -shape.vertices.min(initial=0.0)))
         if isinstance(mesh, Instance):
             _check_place(mesh, reach[id(shape)], file)
@@ -127,7 +132,27 @@ def _check_place(instance: Instance, own: float, file: Path | None) -> None:
         check_reach(instance, file)
 
 
-def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
+def _check_arrays(mesh: Mesh, file: Path | None) -> None:
+    """Raise SceneError unless a mesh, which a program may have built by hand, has arrays where it should."""
+    needed: tuple[tuple[str, Any, str, int], ...] = (
+        ("vertices", mesh.vertices, "f", 3),
+        ("faces", mesh.faces, "iu", 3),
+    )
+    others = (("normals", mesh.normals, 3), ("uvs", mesh.uvs, 2), ("colors", mesh.colors, 3))
+    given = tuple((name, values, "f", columns) for name, values, columns in others if values is not None)
+    for name, values, kinds, columns in needed + given:
+        is_array = isinstance(values, np.ndarray)
+        if not (is_array and (values.dtype.kind in kinds or not values.size) and values.shape[1:] == (columns,)):
+            what = "floats" if kinds == "f" else "integers"
+            found = f"{values.dtype} of shape {values.shape}" if is_array else type(values).__name__
+            raise SceneError(
+                f'mesh "{mesh.name}": {name} are {found}; expected an array of {what}, shape [N, {columns}]', file
+            )
+
+
+def check_mesh(mesh: Mesh, material_count: int, file: Path | None, *, drops: bool = False) -> None:
+    """Raise SceneError for a mesh with values that are not finite, indices out of range, or no arrays."""
+    _check_arrays(mesh, file)
     attributes = (
         ("vertex", mesh.vertices),
         ("normal", mesh.normals),
@@ -135,7 +160,7 @@ def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
         ("colour", mesh.colors),
     )
     for what, values in attributes:
-        if values is None:
+        if values is None or (drops and what == "vertex"):
             continue
         if what != "vertex" and len(values) != len(mesh.vertices):
             raise SceneError(f'mesh "{mesh.name}": {len(values)} {what}s for {len(mesh.vertices)} vertices', file)
@@ -195,11 +220,19 @@ def _check_lights(scene: Scene, file: Path | None) -> None:
         if not (_all_finite(place) and _all_finite(strength) and strength.min(initial=0.0) >= 0):
             message = f'light "{light.name}": its place or strength is negative or not finite in float32'
             raise SceneError(message, file)
+        if not _has_axes(light):
+            raise SceneError(f'light "{light.name}": it shines nowhere: its direction has no length', file)
         _check_medium(light.medium, f'light "{light.name}"', scene, file)
     glowing = any(len(mesh.faces) and _is_bright(mesh.emission) for mesh in scene.meshes)
     if not glowing and not any(light.strength.max(initial=0.0) > 0 for light in scene.lights):
         found = "the scene has no light: nothing would be seen; add an area or a point emitter"
         raise SceneError(f"{found}{_as_read(scene)}", file)
+
+
+def _has_axes(light: Light) -> bool:
+    """Whether it is known where a light that is aimed shines."""
+    with np.errstate(all="ignore"):
+        return not isinstance(light, DeltaLight) or bool(np.isfinite(light.row().axes).all())
 
 
 def _as_read(scene: Scene) -> str:

@@ -212,7 +212,7 @@ def test_another_scene_camera_or_version_is_refused(
     path.write_bytes(interrupted.journal)
     with pytest.raises(SettingsError, match="is of another camera"):
         render(wdpm.load("cornell-box", size=(24, 12)), SessionJournal(path, resume=True))
-    less = replace(interrupted.scene, meshes=interrupted.scene.meshes[:-1])
+    less = replace(interrupted.scene, meshes=interrupted.scene.meshes[1:])
     with pytest.raises(SettingsError, match="another scene"):
         render(less, SessionJournal(path, resume=True))
     monkeypatch.setattr("wdpm.rendering.journal_head.versions", lambda: {"wdpm code": "other"})

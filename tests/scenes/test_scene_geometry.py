@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import wdpm
 import wdpm.scenes
 from wdpm.scenes import Mesh, Scene, SceneError, atrium, cornell_box, flatten, load
 from wdpm.scenes.builtin.names import parse_count
 from wdpm.scenes.meshes import primitives
 from wdpm.scenes.meshes.mesh_data import MeshData, vertex_normals
 from wdpm.scenes.model.checks import check_scene
+from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
 from wdpm.scenes.model.scene import diffuse
 from wdpm.scenes.model.transforms import apply_to_normals, look_at, rotation
 
@@ -203,12 +207,38 @@ TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
         (scene_of(TRIANGLE, [[0, 1, 3]]), 'mesh "m": face 0 names a vertex out of range'),
         (scene_of(TRIANGLE, [[0, 1, -1]]), 'mesh "m": face 0 names a vertex out of range'),
         (scene_of(TRIANGLE, [[0, 1, 2]], material=1), "there is no material 1"),
+        (scene_of(TRIANGLE, [[0, 1, 2]], normals=TRIANGLE.tolist()), "normals are list; expected an array of floats"),
+        (scene_of(TRIANGLE, [[0, 1, 2]], colors=TRIANGLE.astype(int)), "colors are int64 of shape .3, 3.; expected an"),
+        (scene_of(TRIANGLE, [[0, 1, 2]], uvs=TRIANGLE), "uvs are float64 of shape .3, 3.; .* of floats, shape .N, 2"),
         (scene_of(np.where(TRIANGLE == 1, np.nan, 0), [[0, 1, 2]]), 'mesh "m": vertex 1 is .nan, 0, 0., 2 not finite'),
     ],
 )
 def test_checks(scene: Scene, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         check_scene(scene)
+
+
+def test_lights_that_shine_nowhere() -> None:
+    nowhere = DirectionalLight("sun", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)), SpotLight("spot", np.zeros((4, 4)), (1.0,) * 3)
+    for light in nowhere:
+        with pytest.raises(SceneError, match=f'light "{light.name}": it shines nowhere'):
+            check_scene(replace(cornell_box(), lights=(light,)))
+    check_scene(replace(cornell_box(), lights=(PointLight("lamp", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),)))
+
+
+@pytest.mark.parametrize("given", [lambda scene: scene, lambda scene: lambda: scene], ids=["a scene", "a function"])
+def test_what_a_program_has_built_is_checked_before_it_is_rendered(given: Callable[[Scene], Any]) -> None:
+    """A direction without length once ended the process by SIGSEGV."""
+    box = replace(cornell_box((2, 2)), lights=(DirectionalLight("sun", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),))
+    asked = (
+        lambda source: wdpm.render(source, spp=1, photons=100),
+        lambda source: wdpm.render(source, until_error=0.1),
+        lambda source: wdpm.inspect(source),
+        lambda source: wdpm.replay(source, 0, 0, 0),
+    )
+    for ask in asked:
+        with pytest.raises(SceneError, match="it shines nowhere"):
+            ask(given(box))
 
 
 # ---- the flat scene ----

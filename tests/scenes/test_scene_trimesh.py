@@ -201,3 +201,9 @@ def test_mistakes_are_one_line(source: Any, message: str) -> None:
     with pytest.raises(SceneError, match=message) as error:
         wdpm.render(source, **SMALL)
     assert "\n" not in str(error.value)
+
+
+def test_indices_out_of_range_are_told_before_a_camera_is_placed() -> None:
+    mesh = trimesh.Trimesh(vertices=np.eye(3), faces=[[0, 1, 5]], process=False)
+    with pytest.raises(SceneError, match="face 0 names a vertex out of range"):
+        wdpm.load(mesh)

@@ -31,7 +31,7 @@ from wdpm.rendering.backend import Backend
 from wdpm.rendering.pass_plan import PassPlan, passes_in_words, shrink
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassAverage, PassRenderer
-from wdpm.rendering.prepare import Source, scene_of
+from wdpm.rendering.prepare import Source, sound_scene_of
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.scenes.errors import ClusterError, SettingsError
 
@@ -91,7 +91,7 @@ def render_until(
         raise SettingsError(f"{name} is chosen by what until_error and time_budget ask for; leave one of them out")
     progress = progress or SilentProgress()
     budget = Budget(math.inf if goal.seconds is None else goal.seconds, used)
-    scene = scene_of(source)
+    scene = sound_scene_of(source)
     pixels = scene.camera.width * scene.camera.height
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
     work, settings = Workplace(backend, progress, clock), settings_for(scene, **chosen)

@@ -9,7 +9,7 @@ from typing import Any
 from wdpm.devices import check_count
 from wdpm.inspection.inspect import Inspection, inspect
 from wdpm.inspection.tables import inspection_parts
-from wdpm.rendering.prepare import Source, scene_of
+from wdpm.rendering.prepare import Source, sound_scene_of
 from wdpm.report.html import html_of
 
 
@@ -24,4 +24,4 @@ class Plan(Inspection):
 def plan_of(source: Source, slaves: int, chosen: Mapping[str, Any]) -> Plan:
     """Look at a scene as a render with chosen settings would, divided among slaves."""
     check_count("slaves", slaves)
-    return Plan(**vars(inspect(scene_of(source), slaves=slaves, **chosen)))
+    return Plan(**vars(inspect(sound_scene_of(source), slaves=slaves, **chosen)))

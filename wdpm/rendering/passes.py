@@ -46,7 +46,7 @@ from wdpm.rendering.pass_plan import (
     spread_samples,
 )
 from wdpm.rendering.pass_progress import PassProgress
-from wdpm.rendering.prepare import Source, scene_of
+from wdpm.rendering.prepare import Source, scene_of, sound_scene_of
 from wdpm.rendering.results import image_of
 from wdpm.rendering.scene_settings import settings_given
 from wdpm.rendering.session_journal import SessionJournal
@@ -184,7 +184,7 @@ def render_in_passes(
     check_can_save(cache, in_journal=journal is not None)
     if journal is None and (resume or keep):
         raise SettingsError("there is no journal to resume from or to keep; give its path")
-    scene = [scene_of(source)]
+    scene = [sound_scene_of(source)]
     settings = settings_given(scene[0], settings, chosen)
     if settings.adaptive and settings.passes <= FIRST:
         progress.note(

@@ -47,6 +47,7 @@ from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.flat.room import in_file, let_go
 from wdpm.scenes.load import load
 from wdpm.scenes.meshes.in_memory import Meshes
+from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
 from wdpm.startup import let_collector_go
@@ -111,6 +112,16 @@ def scene_of(source: Source) -> Scene:
     if not isinstance(scene, Scene):
         raise SceneError(f"the function that was to give a scene gave {type(scene).__name__}; expected wdpm.Scene")
     return scene
+
+
+def sound_scene_of(source: Source) -> Scene:
+    """The same, once it is seen that it can be rendered: what a program has built nobody has looked at before.
+
+    Raises:
+        SceneError: see check_scene.
+    """
+    scene = scene_of(source)
+    return check_scene(scene, drops=True) if isinstance(source, Scene) or callable(source) else scene
 
 
 def prepare(

@@ -29,7 +29,7 @@ from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.adaptive import FIRST
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan, plans_for, session_of
-from wdpm.rendering.prepare import Prepared, Source, scene_of
+from wdpm.rendering.prepare import Prepared, Source, sound_scene_of
 from wdpm.rendering.scene_settings import settings_given
 from wdpm.replaying.recorder import Names, Recorder
 from wdpm.replaying.vertices import LAYERS, Replay
@@ -63,7 +63,7 @@ def replay_sample(
     Raises:
         SceneError, SettingsError: see their messages; also where there is no such pixel or sample.
     """
-    scene = scene_of(source)
+    scene = sound_scene_of(source)
     settings = settings_given(scene, settings, chosen)
     # Which pixels take more than others is known when the scene is prepared.
     most = settings.spp * OUTLINE_TIMES * MOST_BY_NOISE
