@@ -25,6 +25,10 @@ EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 MOST_SHADOW_RAYS = max(integrator.algorithm.shadow_rays for integrator in Integrator)
 """Of a camera sample, where nobody says how many."""
 
+BEYOND_FIRST = 4
+"""So many times the samples of the first pass the others are thought to have, where those of each are given: a time is
+filled so, and how many they will be nobody knows when the render is planned."""
+
 CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict", "instances")
 """Settings that change no bit of an image."""
 
@@ -112,8 +116,8 @@ class RenderSettings:
 
     @property
     def samples_of_pass(self) -> int:
-        """Samples a pixel of the first pass: they decide what is worth while, also where more passes come later."""
-        return self.pass_samples[0] if self.pass_samples else -(-self.spp // self.passes)
+        """Samples a pixel of one pass: they decide what is worth while, and what goes on with more passes as before."""
+        return BEYOND_FIRST * self.pass_samples[0] if self.pass_samples else -(-self.spp // self.passes)
 
     @property
     def final_gathers(self) -> bool:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import wdpm
 from wdpm.cli.main import main
 from wdpm.cluster.allotment import Allotment
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import BEYOND_FIRST, RenderSettings
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.in_time import MOST_OF_FIRST, TimedRender
 from wdpm.goal.outcome import Ending
@@ -92,7 +92,7 @@ def test_a_time_is_filled_with_what_a_render_by_default_chooses(
     clock = Rendering(0.2, 0.05, monkeypatch)
     image = rendered(clock.of(scene, 10.0, seed=4))
     assert 8.5 <= clock.now <= 10.0
-    by_default = wdpm.render(scene, spp=clock.passes[0].spp, threads=2, seed=4).metadata["settings"]
+    by_default = wdpm.render(scene, spp=BEYOND_FIRST * clock.passes[0].spp, threads=2, seed=4).metadata["settings"]
     for name in ("integrator", "indirect", "photons", "caustic_photons", "light_samples"):
         assert image.metadata["settings"][name] == by_default[name], name
 
@@ -158,6 +158,16 @@ def test_given_settings_are_kept(room: Scene, monkeypatch: pytest.MonkeyPatch) -
     settings = rendered(clock.of(room, 3.0, integrator="path", light_samples=2)).metadata["settings"]
     assert (settings["integrator"], settings["light_samples"]) == ("path", 2)
     assert not clock.chosen
+
+
+def test_a_time_of_one_pass_is_repeated_to_the_bit(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planned as if more were to come, which nobody knew."""
+    large = replace(room, camera=replace(room.camera, width=96, height=96))
+    image = rendered(Rendering(0.2, 0.05, monkeypatch).of(large, 0.3))
+    monkeypatch.undo()
+    samples = {name: image.metadata["settings"][name] for name in ("spp", "passes", "pass_samples")}
+    assert samples["passes"] == 1
+    assert image.layers["beauty"].tobytes() == wdpm.render(large, **samples).layers["beauty"].tobytes()
 
 
 def test_too_short_a_time_has_one_pass(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

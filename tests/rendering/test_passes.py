@@ -19,7 +19,7 @@ from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering import pass_journal
 from wdpm.rendering import passes as module
 from wdpm.rendering.in_process import InProcess
-from wdpm.rendering.pass_plan import photon_plan, plans_for, samples_of, session_of, smaller_k
+from wdpm.rendering.pass_plan import is_spread, photon_plan, plans_for, samples_of, session_of, smaller_k
 from wdpm.rendering.passes import PassAverage, PassPlan, PassRenderer, shrink, spread_samples
 from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.report.report import from_dict
@@ -69,8 +69,9 @@ def test_samples_of_each_pass_may_be_given(scene: Scene, tmp_path: Path, monkeyp
     uneven = replace(FEW, spp=7, passes=3, pass_samples=(1, 4, 2))
     assert plans_for(uneven) == (PassPlan(0, 0, 1), PassPlan(1, 1, 4), PassPlan(2, 5, 2))
     assert plans_for(uneven, plans_for(uneven)[:2]) == plans_for(uneven)
-    assert samples_of((1, 4, 2)) == {"spp": 7, "passes": 3, "pass_samples": (1, 4, 2)}
-    assert samples_of((3, 2, 2)) == {"spp": 7, "passes": 3, "pass_samples": ()}
+    assert samples_of((1, 4, 2), given=True) == {"spp": 7, "passes": 3, "pass_samples": (1, 4, 2)}
+    assert samples_of((3, 2, 2), given=False) == {"spp": 7, "passes": 3, "pass_samples": ()}
+    assert [is_spread(plans_for(each)) for each in (FEW, uneven)] == [True, False]
     whole = render(scene, uneven)
     assert [each["spp"] for each in whole.metadata["report"]["passes"]] == [1, 4, 2]
     assert whole.metadata["settings"]["pass_samples"] == (1, 4, 2)

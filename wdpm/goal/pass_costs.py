@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 from wdpm.rendering.pass_plan import share_of_rays
 
+RECORDS_GROW = 1.5
+"""By this power of the rays that all have, what records take: they may err less, too, and those that do have more rays.
+In daylight through blinds it was 1.4 from 14 to 42 samples, and 1.45 to 99."""
+
 FAR_APART = 0.5
 """By so many times their samples two passes differ, or what they took tells more of the machine than of a sample."""
 
@@ -55,7 +59,8 @@ class PassCosts:
 
     def seconds(self, samples: int) -> float:
         """Of a pass of so many samples."""
-        rays = share_of_rays(samples) / share_of_rays(self.samples)
+        more = share_of_rays(samples) / share_of_rays(self.samples)
+        rays = more**RECORDS_GROW if more > 1.0 else more
         return self.fixed + rays * self.records + max(self.render + (samples - self.samples) * self.sample, 0.0)
 
     def samples_in(self, seconds: float, most: int) -> int:

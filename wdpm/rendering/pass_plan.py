@@ -80,15 +80,18 @@ def spread_of(settings: RenderSettings) -> tuple[PassPlan, ...]:
     return tuple(PassPlan(*each) for each in zip(itertools.count(), starts, settings.pass_samples, strict=False))
 
 
-def samples_of(passes: Sequence[int], *, given: bool = False) -> dict[str, Any]:
+def samples_of(passes: Sequence[int], *, given: bool) -> dict[str, Any]:
     """Settings of a render in passes of so many samples each, by name.
 
     Args:
-        given: name them one by one, even if they are spread evenly.
+        given: whether these were named one by one, by which it is planned (RenderSettings.samples_of_pass).
     """
-    even = tuple(plan.spp for plan in spread_samples(sum(passes), len(passes)))
-    uneven = () if tuple(passes) == even and not given else tuple(passes)
-    return {"spp": sum(passes), "passes": len(passes), "pass_samples": uneven}
+    return {"spp": sum(passes), "passes": len(passes), "pass_samples": tuple(passes) if given else ()}
+
+
+def is_spread(plans: Sequence[PassPlan]) -> bool:
+    """Whether passes take their samples evenly."""
+    return tuple(plans) == spread_samples(sum(plan.spp for plan in plans), len(plans))
 
 
 def passes_in_words(samples: Sequence[int]) -> str:

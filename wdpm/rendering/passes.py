@@ -38,6 +38,7 @@ from wdpm.rendering.pass_journal import read_journal, write_journal
 from wdpm.rendering.pass_plan import (
     PassPlan,
     PassResult,
+    is_spread,
     passes_in_words,
     plans_for,
     samples_of,
@@ -194,7 +195,8 @@ def render_in_passes(
     plans = plans_for(settings, () if saved is None else saved.plans)
     asked = settings.spp
     # Plans go by the samples of a pass: as many as in those that are done, or the others would not go on with them.
-    settings = replace(settings, **samples_of([plan.spp for plan in plans]))
+    given = bool(settings.pass_samples) or (saved is not None and not is_spread(saved.plans))
+    settings = replace(settings, **samples_of([plan.spp for plan in plans], given=given))
     if journal is not None and saved is None:
         _refuse_to_overwrite(journal)
     own = None
