@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.meshes.text.words import is_number
 from wdpm.scenes.model.textures import Wrap
 from wdpm.scenes.scene_root import check_within
 
@@ -61,7 +62,7 @@ def read_statement(keyword: str, words: Sequence[str], folder: Path) -> TextureS
     while rest and rest[0] in _OPTIONS and _find(rest, folder) is None:
         option = rest.pop(0)
         options[option] = []
-        while rest and len(options[option]) < _OPTIONS[option] and (_OPTIONS[option] != 3 or _is_number(rest[0])):
+        while rest and len(options[option]) < _OPTIONS[option] and (_OPTIONS[option] != 3 or is_number(rest[0])):
             options[option].append(rest.pop(0))
     statement = _statement(keyword, options, _find(rest, folder))
     return replace(statement, notes=(*statement.notes, *_tiles_in_words(statement.file)))
@@ -92,20 +93,12 @@ def _find(words: Sequence[str], folder: Path) -> Path | None:
     return file
 
 
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
-
-
 def _statement(keyword: str, options: dict[str, list[str]], file: Path | None) -> TextureStatement:
     scale, offset = _pair(options.get("-s"), 1.0), _pair(options.get("-o"), 0.0)
     to_uv = np.array([[scale[0], 0.0, offset[0]], [0.0, scale[1], offset[1]], [0.0, 0.0, 1.0]])
     wrap = Wrap.CLAMP if options.get("-clamp") == ["on"] else Wrap.REPEAT
     strength = options.get("-bm", [])
-    bump_scale = float(strength[0]) if strength and _is_number(strength[0]) else 1.0
+    bump_scale = float(strength[0]) if strength and is_number(strength[0]) else 1.0
     unused = [option for option in options if option not in ("-s", "-o", "-clamp", "-bm")]
     notes = (f"{option} {' '.join(options[option])} is ignored" for option in unused)
     return TextureStatement(keyword, file, to_uv, wrap, bump_scale, tuple(notes))

@@ -24,6 +24,7 @@ from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corner
 from wdpm.scenes.meshes.obj_file import IGNORED, NO_MATERIAL, ObjFile, unknown_keywords
 from wdpm.scenes.meshes.obj_plain import read_plain_obj
 from wdpm.scenes.meshes.polygons.cutting import triangulate
+from wdpm.scenes.meshes.text.words import is_number
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
 from wdpm.scenes.model.checks import FARTHEST
 from wdpm.scenes.model.transforms import normalized
@@ -127,17 +128,9 @@ def uncolored_vertex(file: Path) -> int:
     Readers do not keep it, as lines take more room than vertices, and such files are rare.
     """
     for line, words in _lines(file.read_text(encoding="utf-8-sig", errors="replace")):
-        if words[0] == "v" and not (len(words) in COLORED and all(_is_number(word) for word in words[4:7])):
+        if words[0] == "v" and not (len(words) in COLORED and all(is_number(word) for word in words[4:7])):
             return line
     raise AssertionError("asked for a file in which all vertices have colours")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 class _Parser:
