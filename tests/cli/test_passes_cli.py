@@ -131,25 +131,52 @@ def test_mistakes_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_progress_is_one_phase_over_all_passes() -> None:
-    told: list[tuple[str, object]] = []
+class Told(SilentProgress):
+    """What a person is told, in order."""
 
-    class Recorder(SilentProgress):
-        def start(self, phase: str, total: int | None = None) -> None:
-            told.append((phase, total))
+    def __init__(self) -> None:
+        self.phases: list[tuple[str, int | None]] = []
+        self.advanced: list[int] = []
 
-        def advance(self, amount: int = 1) -> None:
-            told.append(("advance", amount))
+    def start(self, phase: str, total: int | None = None) -> None:
+        self.phases.append((phase, total))
+        self.advanced = []
 
-    progress = PassProgress(Recorder(), buckets=2, passes=3)
+    def advance(self, amount: int = 1) -> None:
+        self.advanced.append(amount)
+
+
+@pytest.mark.parametrize("divided", [1, 2, 7])
+def test_progress_is_one_phase_over_all_passes(divided: int) -> None:
+    told = Told()
+    progress = PassProgress(told, buckets=2, passes=3)
     progress.start("partition", 1)
     progress.advance(1)
-    for _ in range(3):
+    assert told.advanced == [1]
+    for number in range(3):
         progress.start("photons", 100)
         progress.advance(100)
         progress.start("map", 1)
-        progress.start("render", 2)
+        progress.start("render", divided)
+        for _ in range(divided):
+            progress.advance(1)
+        assert sum(told.advanced) == 2 * (number + 1)
+    assert told.phases == [("partition", 1), ("passes", 6)]
+
+
+def test_what_was_done_of_a_pass_that_begins_anew_counts_once() -> None:
+    told = Told()
+    progress = PassProgress(told, buckets=4, passes=2)
+    progress.start("render", 8)
+    for _ in range(5):
         progress.advance(1)
-        progress.advance(1)
-    assert [entry for entry in told if entry[0] != "advance"] == [("partition", 1), ("passes", 6)]
-    assert sum(int(str(amount)) for name, amount in told if name == "advance") == 1 + 6
+    assert sum(told.advanced) == 2
+    progress.start("render", 8)  # a slave was lost; five buckets are kept
+    progress.advance(5)
+    assert sum(told.advanced) == 2
+    progress.advance(3)
+    assert sum(told.advanced) == 4
+    progress.start("render", 6)
+    progress.advance(6)
+    assert sum(told.advanced) == 8
+    assert min(told.advanced) >= 0
