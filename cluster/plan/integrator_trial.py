@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.integrators.indirect_choice import LAMBERTIAN_SHARE
-from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_at
+from wdpm.cluster.plan.cache_worth import unread_at
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import NO_MAPS, MapPlans, map_plans, with_fewer_paths
@@ -219,9 +219,6 @@ def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: Re
     by_map = _by_photons(flat, plans, trial, photons)
     if trial.lambertian < LAMBERTIAN_SHARE and not over_wide:
         return by_map, f"indirect light: map, since {1 - trial.lambertian:.0%} of what is seen has a coat or bumps"
-    if trial.unread > MOST_UNREAD and not over_wide:
-        words = f"{trial.unread:.0%} of gather rays would find no photons within reach"
-        return by_map, f"indirect light: map, since {words}"
     rays = Indirect.CACHE if trial.lambertian >= LAMBERTIAN_SHARE else Indirect.GATHER
     by_rays = _by_photons(flat, plans, trial, replace(photons, indirect=rays))
     of_map, of_rays = by_map.way.as_seen, by_rays.way.as_seen

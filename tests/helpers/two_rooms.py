@@ -1,4 +1,4 @@
-"""Two rooms behind a wall: the camera is in the one, and nearly all lamps shine in the other."""
+"""Rooms that are lit from next door: two behind a wall, with nearly all lamps in the other, and a corridor."""
 
 from __future__ import annotations
 
@@ -36,3 +36,36 @@ SUN = DirectionalLight("sun", (-0.3, -0.9, 0.1), (30.0, 30.0, 30.0))
 """Above the closed ceiling and the wall to the right: it reaches nothing."""
 SUN_IN_THE_WINDOW = DirectionalLight("sun", (0.8, -0.6, 0.3), (30.0, 30.0, 30.0))
 """Shines through the window of window_room's room."""
+
+LENGTH = 5.0
+"""Of either arm of the corridor."""
+
+
+def corridor(size: tuple[int, int] = (48, 48)) -> Scene:
+    """Hardly a photon comes to the end where the camera stands: the lamp is round the corner.
+
+    One arm along x, from -LENGTH to 0, and one along z with the lamp, from -LENGTH to 0; 1 wide and 1.5 high.
+    """
+    camera = replace(view((-4.8, 0.9, 0.5), (0.0, 0.7, 0.48), 70, up=(0, 1, 0)), width=size[0], height=size[1])
+    lamp = quad((0.3, 1.49, -3.0), (0.4, 0, 0), (0, 0, 0.8), emission=(20.0, 20.0, 20.0))
+    return scene([*_seen_arm(), *_lit_arm(), lamp], camera, (0.7, 0.6, 0.5))
+
+
+def _seen_arm() -> list[Mesh]:
+    return [
+        quad((-LENGTH, 0, 0), (0, 0, 1), (LENGTH + 1, 0, 0)),
+        quad((-LENGTH, 1.5, 0), (LENGTH + 1, 0, 0), (0, 0, 1)),
+        quad((-LENGTH, 0, 0), (LENGTH, 0, 0), (0, 1.5, 0)),
+        quad((-LENGTH, 0, 1), (0, 1.5, 0), (LENGTH + 1, 0, 0)),
+        quad((-LENGTH, 0, 0), (0, 1.5, 0), (0, 0, 1)),
+    ]
+
+
+def _lit_arm() -> list[Mesh]:
+    return [
+        quad((0, 0, -LENGTH), (0, 0, LENGTH), (1, 0, 0)),
+        quad((0, 1.5, -LENGTH), (1, 0, 0), (0, 0, LENGTH)),
+        quad((0, 0, -LENGTH), (0, 1.5, 0), (0, 0, LENGTH)),
+        quad((1, 0, -LENGTH), (0, 0, LENGTH + 1), (0, 1.5, 0)),
+        quad((0, 0, -LENGTH), (1, 0, 0), (0, 1.5, 0)),
+    ]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import window_room
-from two_rooms import rooms
+from two_rooms import corridor, rooms
 
 import wdpm
 from tests.helpers.effect_scenes import fogs
@@ -387,11 +387,33 @@ def test_records_do_not_serve_coats() -> None:
     assert "indirect light: map, since 100% of what is seen has a coat or bumps" in found.chose
 
 
-def test_records_are_not_made_where_gather_rays_find_no_photons() -> None:
-    trial = replace(trial_of(by_paths(0.5), 0.001), unread=0.9)
+def test_records_are_made_where_hardly_a_photon_comes_to_what_is_seen() -> None:
+    """Most gather rays find none and go on; the map that was read there instead was all round spots."""
+    found = settled(corridor(), spp=16)
+    assert found.settings.integrator is Integrator.PHOTONS
+    assert found.settings.indirect is Indirect.CACHE
+    assert unread_in(corridor()) > 0.5
+
+
+def unread_in(scene: Scene) -> float:
+    """The share of gather rays that find no irradiance, in a render."""
+    done = wdpm.render(scene, spp=16, threads=1).report.final_gather
+    assert done is not None
+    return done.unread / done.rays
+
+
+@pytest.mark.parametrize(
+    ("unread", "vertices", "chosen"),
+    [(0.9, 0.5, Indirect.CACHE), (0.9, 20.0, Indirect.MAP), (0.0, 20.0, Indirect.CACHE)],
+    ids=["end soon", "go on for long", "need not go on"],
+)
+def test_records_are_made_as_rays_that_find_no_photons_are_cheap(
+    unread: float, vertices: float, chosen: Indirect
+) -> None:
+    trial = replace(trial_of(replace(by_paths(0.5), vertices=vertices), 0.001), unread=unread)
     plans = MapPlans((MapPlan(1 << 16), MapPlan(), MapPlan()), 0, (), (250_000.0, 0.0, 0.0))
-    _, words = _best_by_photons(flatten(SMALL), plans, trial, replace(trial.by_photons.settings, indirect=Indirect.MAP))
-    assert words == "indirect light: map, since 90% of gather rays would find no photons within reach"
+    flat, by_map = flatten(cornell_box((128, 128))), replace(trial.by_photons.settings, indirect=Indirect.MAP)
+    assert _best_by_photons(flat, plans, trial, by_map)[0].settings.indirect is chosen
 
 
 def test_shadow_rays_that_were_asked_for_are_kept() -> None:
