@@ -68,3 +68,65 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 1
+
+
+def rendered(path: str, *more: str) -> None:
+    small = ["--photons", "500", "--spp", "2", "--indirect", "map", "-q"]
+    assert main(["render", "cornell-box", *small, "-o", path, *more]) == 0
+
+
+def test_a_crop_is_compared_with_its_part_of_the_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rendered("whole.exr", "--size", "24x16")
+    rendered("crop.exr", "--size", "24x16", "--crop", "10,4,18,10")
+    capsys.readouterr()
+    for pair, said in (
+        (["crop.exr", "whole.exr"], "A is the part 10,4,18,10 of 24x16, and is compared with that part of B"),
+        (["whole.exr", "crop.exr"], "B is the part 10,4,18,10 of 24x16, and is compared with that part of A"),
+    ):
+        assert main(["compare", *pair, "--equal", "--json", "--flip", "none", "-o", "d.png"]) == 0
+        out, err = capsys.readouterr()
+        assert err == f"wdpm: {said}\n"
+        assert (json.loads(out)["width"], json.loads(out)["height"]) == (8, 6)
+
+
+def test_pixels_that_are_not_the_same_are_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rendered("one.exr", "--size", "24x16", "--crop", "0,0,8,6")
+    rendered("other.exr", "--size", "24x16", "--crop", "10,4,18,10")
+    rendered("whole.exr", "--size", "8x6")
+    capsys.readouterr()
+    for pair, said in (
+        (["one.exr", "other.exr"], ["A is the part 0,0,8,6 of 24x16, B is the part 10,4,18,10 of 24x16: "]),
+        (["whole.exr", "other.exr"], ["A is a whole image, B is the part 10,4,18,10 of 24x16: "]),
+        (["one.exr", "one.exr"], []),
+    ):
+        assert main(["compare", *pair, "--flip", "none"]) == 0
+        lines = capsys.readouterr().err.splitlines()
+        assert len(lines) == len(said)
+        assert all(part in line for part, line in zip(said, lines, strict=True))
+
+
+def test_other_cameras_are_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, fov in (("a.exr", 40.0), ("b.exr", 50.0)):
+        camera = {"to_world": np.eye(4).tolist(), "fov": fov, "crop": [0, 0, 5, 4], "full_size": [5, 4]}
+        Image({"beauty": np.ones((4, 5, 3), np.float32)}, {"camera": camera}).save(name)
+    assert main(["compare", "a.exr", "b.exr", "--flip", "none"]) == 0
+    assert "their files name different cameras" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("two_images")
+def test_what_a_screen_shows_is_no_radiance(capsys: pytest.CaptureFixture[str]) -> None:
+    Image({"beauty": np.full((4, 5, 3), 3.0, np.float32)}).save("a.png")
+    for pair, said in ((["a.png", "b.exr"], "A is a PNG"), (["b.exr", "a.png"], "B is a PNG")):
+        assert main(["compare", *pair, "--flip", "none"]) == 0
+        assert said in capsys.readouterr().err
+    assert main(["compare", "a.png", "a.png", "--flip", "none"]) == 0
+    assert capsys.readouterr().err == ""

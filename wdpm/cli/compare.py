@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +39,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
     )
     parser.add_argument("a", type=Path, metavar="A", help="image: .exr, .png, .hdr, .pfm or .npy")
-    parser.add_argument("b", type=Path, metavar="B", help="reference, of the same size")
+    parser.add_argument("b", type=Path, metavar="B", help="reference, of the same size; or one is a crop of the other")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.png", help="write a picture of the difference")
     parser.add_argument(
         "--signed", action="store_true", help="show A-B in the picture, not the relative (A-B)/sqrt(B^2+0.01)"
@@ -83,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.images.files import check_apart, check_output_path, png_bytes, write_bytes
     from wdpm.images.image import load
     from wdpm.images.perceptual import flip_is_installed
+    from wdpm.images.windows import doubts, same_part
 
     for path in (args.output, args.heat):
         if path is not None:
@@ -90,7 +92,9 @@ def run(args: argparse.Namespace) -> int:
     check_apart([("the picture of the difference", args.output), ("the heat map", args.heat)])
     _check_pictures(args)
     _check_flip(args, flip_is_installed())
-    a, b = load(args.a), load(args.b)
+    a, b, cut = same_part(load(args.a), load(args.b))
+    for line in ([] if cut is None else [cut]) + doubts(a, b, args.a, args.b):
+        print(f"wdpm: {line}", file=sys.stderr)
     comparison = compare(a, b, args.region)
     flip = _flip(args, a, b) if args.flip != "none" and flip_is_installed() else None
     if flip is not None:
