@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import socket
 import threading
@@ -233,6 +234,9 @@ def test_addresses() -> None:
         False,
         False,
     ]
+    for name in ("a..b:1", "x" * 70 + ":1"):  # as no name service can be asked for them
+        with pytest.raises(argparse.ArgumentTypeError, match="can be no name of a machine"):
+            view_address(name)
 
 
 class SlowMean:

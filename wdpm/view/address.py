@@ -42,4 +42,8 @@ def view_address(text: str) -> ViewAddress:
     host = host.removeprefix("[").removesuffix("]") or LOOPBACK
     if not (port.isascii() and port.isdecimal() and int(port) <= 65535):
         raise argparse.ArgumentTypeError(f"'{text}' is no HOST:PORT, like 127.0.0.1:7118; port 0 is any free one")
+    try:
+        host.encode("idna")  # as whoever looks it up does
+    except UnicodeError:
+        raise argparse.ArgumentTypeError(f"'{text}': '{host}' can be no name of a machine") from None
     return ViewAddress(host, int(port))
