@@ -101,7 +101,7 @@ class PlainProgress:
         self._left = TimeLeft(0.0, None)
 
     def start(self, phase: str, total: int | None = None) -> None:
-        self.finish()
+        self._end("went on")  # without slaves that have their cells later
         self._phase, self._total, self._done = phase, total, 0
         self._told = 0 if total is None else None
         self._started = self._last_line = self._clock()
@@ -122,10 +122,14 @@ class PlainProgress:
         self._print(text)
 
     def finish(self) -> None:
+        self._end("stopped")
+
+    def _end(self, early: str) -> None:
+        """The phase has ended; `early` says what it did if not all of it is done."""
         if self._phase is not None:
             elapsed = self._clock() - self._started
             done = self._total is None or self._done >= self._total
-            ending = "done" if done else f"stopped at {self._done:,} of {self._total:,}"
+            ending = "done" if done else f"{early} at {self._done:,} of {self._total:,}"
             self._print(f"{self._phase}: {ending} in {elapsed:.1f} s")
             self._phase = None
 

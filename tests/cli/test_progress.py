@@ -110,6 +110,8 @@ def test_plain_lines_of_several_phases_notes_and_a_failure() -> None:
     progress.note("3 triangles dropped")
     clock.now += 3
     progress.advance()
+    progress.start("partition", 4)
+    progress.advance()
     progress.start("render", 10)
     progress.finish()
     assert stream.getvalue().splitlines() == [
@@ -117,6 +119,8 @@ def test_plain_lines_of_several_phases_notes_and_a_failure() -> None:
         "3 triangles dropped",
         "load: 1",
         "load: done in 3.0 s",
+        "partition ...",
+        "partition: went on at 1 of 4 in 0.0 s",
         "render ...",
         "render: stopped at 0 of 10 in 0.0 s",
     ]

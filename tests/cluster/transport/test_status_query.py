@@ -26,6 +26,8 @@ PATIENT = ("--timeout", f"{WAIT_S:g}s")
 NO_ANSWER = 75
 """The exit code."""
 
+HEADINGS = "slave host process threads memory now peak cores in out team cells tasks done s a task silent"
+
 
 def test_a_master_without_keys_answers(capsys: pytest.CaptureFixture[str]) -> None:
     with MasterServer("tcp://127.0.0.1:0", 1, limits=SMALL, agreed=AGREED) as master:
@@ -38,7 +40,11 @@ def test_a_master_without_keys_answers(capsys: pytest.CaptureFixture[str]) -> No
         assert (report["phase"], report["images"], report["left_s"]) == ("idle", 1, None)
         assert report["slaves"][0]["done"] > 0
         assert main(["status", master.endpoint, *PATIENT]) == 0
-        assert "slaves: 1 of 1 (at most 1); 1 joined, 0 lost, 0 refused" in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert "slaves: 1 of 1 (at most 1); 1 joined, 0 lost, 0 refused" in printed
+        # Whatever the width of the terminal (here 80), no heading or figure is cut to a letter or two.
+        assert printed.splitlines()[2].split() == HEADINGS.split()
+        assert "…" not in printed
         check_picture(session, master.render(session).layers)
     assert slave.end() is None
 
