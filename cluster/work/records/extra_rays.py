@@ -15,57 +15,162 @@ between: what of that the rays around have not met adds to the spread that they 
 
 from __future__ import annotations
 
-import math
+import functools
+from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels import columns
+from wdpm.kernels.irradiance.ray_shares import (
+    ByStratum,
+    irradiance_errors,
+    mean_radiance,
+    number_rays,
+    share_out_rays,
+)
+from wdpm.kernels.launch import Launcher
+
 Values = NDArray[np.float64]
-Counts = NDArray[np.int64]
+
+GRAIN = 8
+"""Records that are worth a launch of their own."""
 
 GOLDEN = (5.0**0.5 - 1.0) / 2.0
 """Its multiples, less what is whole of them, are even between 0 and 1: numbers that are rounded by them keep their
 sum."""
 
 
-PEAK = 2.0
-"""Standard deviation of what one ray brings through a stratum, over its mean, if all comes from a fifth of it."""
+@dataclass(frozen=True, eq=False)
+class ExtraRays:
+    """How many rays the strata of N records get more.
+
+    Attributes:
+        counts: of each stratum of each record, int64, shape [N, strata].
+        begins: place of each record's first one, where all lie one after another, int64, shape [N].
+        total: of all of them.
+    """
+
+    counts: NDArray[np.int64]
+    begins: NDArray[np.int64]
+    total: int
+
+    @classmethod
+    def of(cls, counts: NDArray[np.int64], of_records: NDArray[np.int64]) -> ExtraRays:
+        """Such counts, and what they are together of each record."""
+        ends = of_records.cumsum()
+        return cls(counts, ends - of_records, int(ends[-1]) if len(ends) else 0)
+
+
+def no_extra_rays(records: int, strata: int) -> ExtraRays:
+    """None for anybody."""
+    return ExtraRays(np.zeros((records, strata), np.int64), np.zeros(records, np.int64), 0)
 
 
 def extra_rays(
-    radiance: Values, unoccluded: NDArray[np.float32], shot: NDArray[np.bool_], tolerance: float, most: int
-) -> Counts:
+    launcher: Launcher,
+    strata: tuple[int, int],
+    radiance: Values,
+    unoccluded: NDArray[np.float32],
+    distance: NDArray[np.float32],
+    tolerance: float,
+    most: int,
+) -> ExtraRays:
     """How many rays each stratum of some records gets more.
 
     Args:
-        radiance: of each stratum's ray, mean of RGB, shape [N, rows, columns].
-        unoccluded: radiance that lit places would send if nothing stood in between, mean of RGB, the same shape.
-        shot: strata whose rays were shot, the same shape; others get none.
+        strata: rows and columns of hemispheres.
+        radiance: finite, of each stratum's ray, shape [N * strata, 3].
+        unoccluded: radiance that lit places would send if nothing stood in between, mean of RGB, shape [N * strata].
+        distance: of what each ray met; negative if it was not shot: that stratum gets none. Shape [N * strata].
         tolerance: relative standard error of the irradiance that is aimed at.
         most: extra rays of a record, about.
-
-    Returns:
-        shape [N, rows, columns].
     """
-    near, beside = around(radiance)
-    promised = np.minimum(unoccluded.astype(np.float64), np.finfo(np.float32).max)  # of lamps as bright as can be: inf
-    unseen = np.maximum(_smoothed(promised) - near / beside, 0.0)
-    spread = np.sqrt(neighbours_spread(radiance) ** 2 + (PEAK * unseen) ** 2)
-    near_spread, _ = around(spread)
-    # Both sums as they would be if the stratum were like what is around it: its own ray has no part in them.
-    total = _total(radiance) - radiance + near / beside
-    spreads = _total(spread) - near_spread + beside * spread
-    # With n rays in proportion to the spreads s of all strata, the error of the sum is (sum of s) / sqrt(n).
-    with np.errstate(divide="ignore", invalid="ignore"):
-        wanted = np.where(total > 0, spreads / (tolerance * total), 0.0) ** 2
-        share = np.where(spreads > 0, spread / spreads, 0.0)
-    strata = radiance[0].size
-    asked = np.minimum(wanted, float(most + strata)) * share - 1.0  # each has one ray already
-    rounding = (np.arange(1, strata + 1) * GOLDEN % 1.0).reshape(radiance.shape[1:])
-    return np.where(shot, np.floor(np.maximum(asked, 0.0) + rounding), 0.0).astype(np.int64)
+    each = strata[0] * strata[1]
+    records, device = len(radiance) // each, launcher.device
+    counts = columns.outputs({"count": wp.int64}, len(radiance), device)["count"]
+    of_records = columns.outputs({"all": wp.int64}, records, device)["all"]
+    launcher(
+        share_out_rays,
+        records,
+        grain=GRAIN,
+        rows=strata[0],
+        columns=strata[1],
+        radiance=columns.array_over(radiance, wp.vec3d, device),
+        unoccluded=columns.array_over(unoccluded, wp.float32, device),
+        distance=columns.array_over(distance, wp.float32, device),
+        tolerance=tolerance,
+        most=float(most + each),
+        rounding=columns.array_over(_rounding(each), wp.float64, device),
+        room=columns.empty(ByStratum, len(radiance), device),
+        count_out=counts,
+        all_out=of_records,
+    )
+    return ExtraRays.of(counts.numpy().reshape(records, each), of_records.numpy())
 
 
-def standard_errors(radiance: Values, counts: Counts) -> Values:
+@functools.cache
+def _rounding(strata: int) -> Values:
+    rounding: Values = np.arange(1, strata + 1, dtype=np.float64) * GOLDEN % 1.0
+    rounding.flags.writeable = False
+    return rounding
+
+
+def numbered(
+    launcher: Launcher, extra: ExtraRays, by_number: NDArray[np.int32], following: int
+) -> list[NDArray[np.int32]]:
+    """Record, number, stratum and turn of each extra ray, as record_wave.GatherRays has them.
+
+    Args:
+        by_number: strata in the order of their first rays' numbers, shape [strata].
+        following: the number after these.
+    """
+    (records, strata), device = extra.counts.shape, launcher.device
+    dtypes = dict.fromkeys(("record_out", "ray_out", "stratum_out", "turn_out"), wp.int32)
+    out = columns.outputs(dtypes, extra.total, device)
+    launcher(
+        number_rays,
+        records,
+        grain=GRAIN,
+        strata=strata,
+        count=columns.array_over(extra.counts.reshape(-1), wp.int64, device),
+        begin=columns.array_over(extra.begins, wp.int64, device),
+        by_number=columns.array_over(by_number, wp.int32, device),
+        next_number=following,
+        number=columns.integers(extra.counts.size, device),
+        **out,
+    )
+    return [column.numpy() for column in out.values()]
+
+
+def means(launcher: Launcher, radiance: Values, extra: ExtraRays, further: Values) -> Values:
+    """Mean radiance of each stratum, of its first ray and the others, shape [N * strata, 3].
+
+    Args:
+        radiance: of the first rays, shape [N * strata, 3].
+        further: of the extra rays, in the order of `numbered`, shape [extra.total, 3].
+    """
+    (records, strata), device = extra.counts.shape, launcher.device
+    mean = columns.outputs({"mean": wp.vec3d}, len(radiance), device)["mean"]
+    launcher(
+        mean_radiance,
+        records,
+        grain=GRAIN,
+        strata=strata,
+        radiance=columns.array_over(radiance, wp.vec3d, device),
+        count=columns.array_over(extra.counts.reshape(-1), wp.int64, device),
+        begin=columns.array_over(extra.begins, wp.int64, device),
+        further=columns.array_over(further, wp.vec3d, device),
+        radiance_out=mean,
+    )
+    together: Values = mean.numpy()
+    return together
+
+
+def standard_errors(
+    launcher: Launcher, strata: tuple[int, int], radiance: Values, counts: NDArray[np.int64]
+) -> NDArray[np.float32]:
     """Of the irradiance of records, as the spread of their strata tells it, shape [N].
 
     It is an upper bound, about: neighbours differ by how light changes from stratum to stratum, too. A stratum spreads
@@ -74,63 +179,22 @@ def standard_errors(radiance: Values, counts: Counts) -> Values:
     averaged with whom.)
 
     Args:
-        radiance: mean of each stratum's rays, mean of RGB, shape [N, rows, columns].
-        counts: extra rays of each, the same shape.
+        strata: rows and columns of hemispheres.
+        radiance: mean of each stratum's rays, shape [N * strata, 3].
+        counts: extra rays of each, shape [N, strata].
     """
-    near, beside = around(radiance)
-    spread2 = np.maximum(neighbours_spread(radiance) ** 2, (radiance - near / beside) ** 2)
-    variance = (spread2 / (counts + 1.0)).reshape(len(radiance), -1).cumsum(axis=1)[:, -1]
-    errors: Values = np.sqrt(variance) * (math.pi / radiance[0].size)
+    device = launcher.device
+    error = columns.outputs({"error": wp.float32}, len(counts), device)["error"]
+    launcher(
+        irradiance_errors,
+        len(counts),
+        grain=GRAIN,
+        rows=strata[0],
+        columns=strata[1],
+        radiance=columns.array_over(radiance, wp.vec3d, device),
+        count=columns.array_over(counts.reshape(-1), wp.int64, device),
+        grey=columns.outputs({"grey": wp.float64}, len(radiance), device)["grey"],
+        error_out=error,
+    )
+    errors: NDArray[np.float32] = error.numpy()
     return errors
-
-
-def _smoothed(values: Values) -> Values:
-    """Half of what each stratum has, and half of the mean of what is around it: few places tell of each."""
-    total, count = around(values)
-    smooth: Values = 0.5 * values + 0.5 * total / count
-    return smooth
-
-
-def _total(values: Values) -> Values:
-    """Of each record, one after another, whatever else is in the array, shape [N, 1, 1]."""
-    return values.reshape(len(values), -1).cumsum(axis=1)[:, -1][:, None, None]
-
-
-def neighbours_spread(values: Values) -> Values:
-    """Standard deviation of what is around each stratum, without the stratum itself, shape [N, rows, columns]."""
-    total, count = around(values)
-    squares, _ = around(values**2)
-    variance = (squares - total**2 / count) / np.maximum(count - 1, 1)
-    return np.sqrt(np.maximum(variance, 0.0))
-
-
-def around(values: Values) -> tuple[Values, Values]:
-    """The sum of what is around each stratum, without the stratum itself, and how many these are, shape [rows, 1].
-
-    Columns go round; the first and the last row have no neighbours beyond.
-    """
-    rows = values.shape[1]
-    count, total = np.zeros((rows, 1)), np.zeros_like(values)
-    turned = {across: np.roll(values, -across, axis=2) if across else values for across in (-1, 0, 1)}
-    for down in (-1, 0, 1):
-        to = slice(max(0, -down), rows - max(0, down))
-        of = slice(max(0, down), rows - max(0, -down))
-        for across, beside in turned.items():
-            if down or across:
-                total[:, to] += beside[:, of]
-                count[to] += 1
-    return total, count
-
-
-def means(radiance: Values, counts: Counts, extra: Values) -> Values:
-    """Mean radiance of each stratum, of its first ray and the others, shape [strata, 3].
-
-    Args:
-        radiance: of the first rays, shape [strata, 3].
-        counts: extra rays of each stratum, shape [strata].
-        extra: their radiance, those of the first stratum first, shape [counts.sum(), 3].
-    """
-    stratum = np.repeat(np.arange(len(counts)), counts)
-    added = np.stack([np.bincount(stratum, extra[:, c], len(counts)) for c in range(3)], axis=1)
-    together: Values = (radiance + added) / (counts[:, None] + 1.0)
-    return together

@@ -16,7 +16,15 @@ from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.misses import first_cells, no_hits
-from wdpm.cluster.work.records.extra_rays import Counts, Values, extra_rays, means, standard_errors
+from wdpm.cluster.work.records.extra_rays import (
+    GRAIN,
+    ExtraRays,
+    Values,
+    extra_rays,
+    means,
+    no_extra_rays,
+    standard_errors,
+)
 from wdpm.cluster.work.records.record_wave import GatherRays, RecordWave, first_rays, further_rays
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
@@ -25,9 +33,6 @@ from wdpm.kernels.camera.rays import Rays
 from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata
 from wdpm.kernels.irradiance.unoccluded_light import unoccluded_radiance, upload
 from wdpm.scenes.errors import ProtocolError
-
-_GRAIN = 8
-"""Records that are worth a launch of their own."""
 
 WAVE_RAYS = 1 << 17
 """Gather rays of a task that are under way at once, at most, or those of one record: bounds memory, changes no bit."""
@@ -72,7 +77,7 @@ class RecordHome:
         self._searching = True
         self._site: Arrays = {}
         self._wave: RecordWave | None = None
-        self._first: tuple[Values, NDArray[np.float32], Counts] | None = None  # once the rays after them are known
+        self._first: tuple[Values, NDArray[np.float32], ExtraRays] | None = None  # once the rays after them are known
         self._most_rays = WAVE_RAYS if replica.world.top_tree.cells == 1 else DIVIDED_WAVE_RAYS
         self._further: deque[GatherRays] = deque()  # those of them that have not set out
         self._light: list[Values] = []  # of those that are back
@@ -139,33 +144,34 @@ class RecordHome:
         radiance, distance = self._wave.radiance(), self._wave.distance
         self._wave = None
         if self._first is None:
-            counts = self._counts(radiance, distance)
-            self._first = radiance, distance, counts
-            self._further.extend(further_rays(counts.reshape(-1, strata), *self._strata).cut(self._most_rays))
+            extra = self._extra(radiance, distance)
+            self._first = radiance, distance, extra
+            further = further_rays(self._replica.launcher, extra, *self._strata)
+            self._further.extend(further.cut(self._most_rays))
         else:
             self._light.append(radiance)
         if self._further:
             yield from self._shoot(self._further.popleft())
             return
-        radiance, distance, counts = self._first
+        radiance, distance, extra = self._first
         if self._light:
-            radiance = means(radiance, counts, np.concatenate(self._light))
+            light = self._light[0] if len(self._light) == 1 else np.concatenate(self._light)
+            radiance = means(self._replica.launcher, radiance, extra, light)
         self._first, self._light = None, []
-        self._made.append(self._records(radiance, distance, counts))
+        self._made.append(self._records(radiance, distance, extra))
 
-    def _counts(self, radiance: Values, distance: NDArray[np.float32]) -> Counts:
-        """Rays that each stratum gets more, shape [sites * strata].
+    def _extra(self, radiance: Values, distance: NDArray[np.float32]) -> ExtraRays:
+        """Rays that each stratum gets more.
 
         Args:
             radiance, distance: of the first ray of each.
         """
-        plan, shape = self._view.cache, (len(self._site["slot"]), *self._strata)
+        plan, strata = self._view.cache, math.prod(self._strata)
         if not plan.extra:
-            return np.zeros(len(distance), np.int64)
-        most, tolerance = round(plan.extra * math.prod(self._strata)), plan.tolerance_in(self.task.round)
-        unoccluded = self._unoccluded().reshape(shape)
-        grey, shot = _grey(radiance).reshape(shape), distance.reshape(shape) >= 0
-        return extra_rays(grey, unoccluded, shot, tolerance, most).reshape(-1)
+            return no_extra_rays(len(self._site["slot"]), strata)
+        most, tolerance = round(plan.extra * strata), plan.tolerance_in(self.task.round)
+        unoccluded = self._unoccluded().reshape(-1)
+        return extra_rays(self._replica.launcher, self._strata, radiance, unoccluded, distance, tolerance, most)
 
     def _unoccluded(self) -> NDArray[np.float32]:
         """Radiance through each stratum if nothing stood before lit places, shape [sites, strata] [W/(m² sr)]."""
@@ -179,7 +185,7 @@ class RecordHome:
         launcher(
             unoccluded_radiance,
             count,
-            grain=_GRAIN,
+            grain=GRAIN,
             places=upload(**vars(self._view.lit_places), device=launcher.device),
             **sites,
             rows=rows,
@@ -210,11 +216,11 @@ class RecordHome:
             return None
         return RecordsMade(self.task.number, self.task.round, joined([NO_RECORDS, *self._made]), self._rays)
 
-    def _records(self, radiance: Values, distance: NDArray[np.float32], counts: Counts) -> Records:
+    def _records(self, radiance: Values, distance: NDArray[np.float32], extra: ExtraRays) -> Records:
         """What the gather rays tell, once all are back.
 
         Args:
-            radiance, distance, counts: of each stratum: the mean of its rays, how far the first went, and how many
+            radiance, distance, extra: of each stratum: the mean of its rays, how far the first went, and how many
                 more there were.
         """
         count, device, plan = len(self._site["slot"]), self._replica.launcher.device, self._view.cache
@@ -227,23 +233,17 @@ class RecordHome:
         self._replica.launcher(
             make_records,
             count,
-            grain=_GRAIN,
+            grain=GRAIN,
             strata=make_strata(*self._strata, device),
-            radiance=wp.array(radiance.astype(np.float32), dtype=wp.vec3, device=device),
-            distance=wp.array(distance, dtype=wp.float32, device=device),
+            radiance=columns.array_over(radiance.astype(np.float32), wp.vec3, device),
+            distance=columns.array_over(distance, wp.float32, device),
             shading_normal=wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device),
             bounds=bounds,
             made_out=made,
         )
         of_kernel = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
-        shape = (count, *self._strata)
-        error = standard_errors(_grey(radiance).reshape(shape), counts.reshape(shape)).astype(np.float32)
+        error = standard_errors(self._replica.launcher, self._strata, radiance, extra.counts)
         return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **of_kernel, error=error)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
         return Batch.of_task(kind, self.task.number, self._number, cell, credit, arrays)
-
-
-def _grey(radiance: Values) -> Values:
-    """Mean of RGB, shape [rays]."""
-    return (radiance[:, 0] + radiance[:, 1] + radiance[:, 2]) / 3.0

@@ -17,6 +17,7 @@ from wdpm.cluster.rows import in_order, put_rows, summed, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.records.extra_rays import ExtraRays, numbered
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole.samples import RecordRays
 from wdpm.cluster.world import View
@@ -25,6 +26,7 @@ from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import first_path_cells
 from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
 from wdpm.kernels.irradiance.records import make_strata, record_directions
+from wdpm.kernels.launch import Launcher
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,23 +63,14 @@ def first_rays(sites: int, rows: int, columns: int) -> GatherRays:
     return GatherRays(record, number, stratum, np.zeros_like(stratum))
 
 
-def further_rays(counts: NDArray[np.int64], rows: int, columns: int) -> GatherRays:
+def further_rays(launcher: Launcher, extra: ExtraRays, rows: int, columns: int) -> GatherRays:
     """As many more as are asked for, those of a record numbered after its first ones, stratum by stratum as those are.
 
     Args:
-        counts: of each stratum of each record, shape [sites, rows * columns].
+        extra: of rows * columns strata.
     """
-    sites, strata = counts.shape
-    flat = counts.reshape(-1)
-    stratum = np.repeat(np.tile(np.arange(strata, dtype=np.int32), sites), flat)
-    record = np.repeat(np.arange(sites, dtype=np.int32), counts.sum(axis=1))
-    turn = 1 + np.arange(len(record)) - np.repeat(np.cumsum(flat) - flat, flat)
     first = _numbers(rows, columns)
-    order = np.argsort(first)
-    before = np.zeros_like(counts)
-    before[:, order] = np.cumsum(counts[:, order], axis=1) - counts[:, order]
-    number = first.max() + np.repeat(before.reshape(-1), flat) + turn
-    return GatherRays(record, number.astype(np.int32), stratum, turn.astype(np.int32))
+    return GatherRays(*numbered(launcher, extra, first.argsort().astype(np.int32), int(first.max()) + 1))
 
 
 @functools.cache

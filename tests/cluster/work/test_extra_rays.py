@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.cluster.work.records.extra_rays import extra_rays, means, neighbours_spread, standard_errors
-from wdpm.cluster.work.records.record_wave import first_rays, further_rays
+from wdpm.cluster.work.records import extra_rays as of_records
+from wdpm.cluster.work.records.extra_rays import GOLDEN, ExtraRays
+from wdpm.cluster.work.records.record_wave import GatherRays, first_rays
+from wdpm.cluster.work.records.record_wave import further_rays as further_rays_of
+from wdpm.kernels.launch import ONE_THREAD
 
 Values = NDArray[np.float64]
 ROWS, COLUMNS = 8, 25
@@ -17,6 +22,38 @@ CHANCE = 0.4
 LIT, DARK = 40.0, 1.0
 NOTHING = np.zeros((1, 1, 1), np.float32)
 """No light from lit places."""
+
+
+def in_rgb(values: NDArray[np.generic]) -> Values:
+    """Grey light of these values, shape [values, 3]."""
+    return np.repeat(values.reshape(-1, 1), 3, axis=1).astype(np.float64)
+
+
+def extra_rays(
+    radiance: Values, unoccluded: NDArray[np.float32], above: NDArray[np.bool_], tolerance: float, most: int
+) -> NDArray[np.int64]:
+    """How many rays strata get more, shape [N, rows, columns] as all that is given but what is 1 stands for all."""
+    promised = np.broadcast_to(unoccluded, radiance.shape).reshape(-1)
+    distance = np.where(above, 1.0, -1.0).astype(np.float32).reshape(-1)
+    light, (_, rows, columns) = in_rgb(radiance), radiance.shape
+    found = of_records.extra_rays(ONE_THREAD, (rows, columns), light, promised, distance, tolerance, most)
+    assert found.total == found.counts.sum()
+    assert np.array_equal(found.begins, np.cumsum(found.counts.sum(axis=1)) - found.counts.sum(axis=1))
+    return found.counts.reshape(radiance.shape)
+
+
+def extra(counts: NDArray[np.int64]) -> ExtraRays:
+    """So many, shape [N, strata]."""
+    return ExtraRays.of(counts, counts.sum(axis=1))
+
+
+def further_rays(counts: NDArray[np.int64], rows: int, columns: int) -> GatherRays:
+    return further_rays_of(ONE_THREAD, extra(counts), rows, columns)
+
+
+def standard_errors(radiance: Values, counts: NDArray[np.int64]) -> NDArray[np.float32]:
+    (records, rows, columns), light = radiance.shape, in_rgb(radiance)
+    return of_records.standard_errors(ONE_THREAD, (rows, columns), light, counts.reshape(records, -1))
 
 
 def shot(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -42,8 +79,8 @@ def estimates(records: int, most: int, seed: int) -> tuple[Values, Values]:
     rows, columns = (np.broadcast_to(a, shape).reshape(-1) for a in np.indices((ROWS, COLUMNS)))
     first = rays_through(rng, rows, columns)
     counts = extra_rays(first.reshape(shape), NOTHING, shot(shape), 1e-3, most).reshape(-1)
-    extra = rays_through(rng, np.repeat(rows, counts), np.repeat(columns, counts))
-    together = means(*(np.repeat(a[:, None], 3, axis=1) if a.dtype != np.int64 else a for a in (first, counts, extra)))
+    more = rays_through(rng, np.repeat(rows, counts), np.repeat(columns, counts))
+    together = of_records.means(ONE_THREAD, in_rgb(first), extra(counts.reshape(records, -1)), in_rgb(more))
     return first.reshape(records, -1).mean(axis=1), together[:, 0].reshape(records, -1).mean(axis=1)
 
 
@@ -57,28 +94,92 @@ def test_extra_rays_bring_the_error_down_and_leave_the_mean() -> None:
 
 def test_a_stratum_has_no_say_in_its_own_rays() -> None:
     """Where its own ray decided, a chance hit would be diluted and a chance miss not."""
-    even = np.ones((1, ROWS, COLUMNS))
-    odd = even.copy()
+    odd = np.ones((1, ROWS, COLUMNS))
     odd[0, 4, 7] = 1000.0
-    spread = neighbours_spread(odd)
-    assert spread[0, 4, 7] == 0
-    assert (spread[0, 3:6, 6:9] > 0).sum() == 8
-    assert not spread[0, :, 9:].any()
+    counts = extra_rays(odd, NOTHING, shot(odd.shape), 1e-3, 1000)[0]
+    assert counts[4, 7] == 0
+    assert (counts[3:6, 6:9] > 0).sum() == 8
+    assert counts[3:6, 6:9].sum() == counts.sum()
 
 
 def test_columns_go_round_and_rows_end() -> None:
     values = np.zeros((1, ROWS, COLUMNS))
     values[0, 0, 0] = 1.0
-    spread = neighbours_spread(values)[0] > 0
-    assert spread[0].nonzero()[0].tolist() == [1, COLUMNS - 1]
-    assert spread[1].nonzero()[0].tolist() == [0, 1, COLUMNS - 1]
-    assert not spread[2:].any()
+    counts = extra_rays(values, NOTHING, shot(values.shape), 1e-3, 1000)[0] > 0
+    assert counts[0].nonzero()[0].tolist() == [1, COLUMNS - 1]
+    assert counts[1].nonzero()[0].tolist() == [0, 1, COLUMNS - 1]
+    assert not counts[2:].any()
 
 
 @pytest.mark.parametrize("rows", [1, 2])
 def test_flat_hemispheres_have_neighbours_too(rows: int) -> None:
     values = np.arange(3.0 * rows).reshape(1, rows, 3)
-    assert np.isfinite(neighbours_spread(values)).all()
+    counts = extra_rays(values, NOTHING, shot(values.shape), 0.01, 60)
+    assert 0 < counts.sum() < 60 + values.size
+    assert 0 < standard_errors(values, counts)[0] < 10
+
+
+def around(values: Values, row: int, column: int) -> list[float]:
+    """What is around a stratum of a hemisphere, by rows."""
+    rows, columns = values.shape
+    there = [
+        (row + down, (column + across) % columns) for down in (-1, 0, 1) for across in (-1, 0, 1) if down or across
+    ]
+    return [float(values[place]) for place in there if 0 <= place[0] < rows]
+
+
+def sums(values: list[float]) -> float:
+    """Added one after another: Python's own sum compensates for rounding from 3.12 on."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+def spread_around(values: list[float]) -> float:
+    total, count = sums(values), float(len(values))
+    squares = sums([value * value for value in values])
+    return math.sqrt(max((squares - total * total / count) / max(count - 1.0, 1.0), 0.0))
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(1, 3), (2, 6), (ROWS, COLUMNS)])
+def test_shares_and_errors_are_what_plain_words_say(rows: int, columns: int) -> None:
+    """All bits: as another one adds up what is around a stratum, in the same order."""
+    rng = np.random.default_rng(columns)
+    light, promised = rng.random((rows, columns)) ** 6, (rng.random((rows, columns)) ** 9).astype(np.float32)
+    tolerance, most = 0.03, 90
+    places = [(row, column) for row in range(rows) for column in range(columns)]
+    spread = np.zeros((rows, columns))
+    for place in places:
+        near, far = around(light, *place), around(promised.astype(np.float64), *place)
+        smooth = 0.5 * float(promised[place]) + 0.5 * sums(far) / len(far)
+        unseen = 2.0 * max(smooth - sums(near) / len(near), 0.0)
+        spread[place] = math.sqrt(spread_around(near) * spread_around(near) + unseen * unseen)
+    all_light, all_spread = (sums(values.reshape(-1).tolist()) for values in (light, spread))
+    wanted, variance = [], 0.0
+    for number, place in enumerate(places):
+        near, others = around(light, *place), around(spread, *place)
+        total = all_light - float(light[place]) + sums(near) / len(near)
+        spreads = all_spread - sums(others) + len(others) * float(spread[place])
+        rays = spreads / (tolerance * total)
+        asked = min(rays * rays, float(most + len(places))) * (float(spread[place]) / spreads) - 1.0
+        wanted.append(math.floor(max(asked, 0.0) + (number + 1) * GOLDEN % 1.0))
+        off = float(light[place]) - sums(near) / len(near)
+        variance += max(spread_around(near) * spread_around(near), off * off) / (wanted[-1] + 1.0)
+    found = extra_rays(light[None], promised[None], shot((1, rows, columns)), tolerance, most)
+    assert found.reshape(-1).tolist() == wanted
+    assert sum(wanted) > 0
+    assert standard_errors(light[None], found)[0] == np.float32(math.sqrt(variance) * (math.pi / len(places)))
+
+
+def test_means_are_of_all_rays_of_a_stratum() -> None:
+    counts = np.array([[0, 2, 1], [3, 0, 0]])
+    first, further = np.random.default_rng(8).random((6, 3)), np.random.default_rng(9).random((6, 3))
+    found = of_records.means(ONE_THREAD, first, extra(counts), further)
+    assert np.array_equal(found[[0, 4, 5]], first[[0, 4, 5]])
+    assert np.array_equal(found[1], (first[1] + (further[0] + further[1])) / 3.0)
+    assert np.array_equal(found[2], (first[2] + further[2]) / 2.0)
+    assert np.array_equal(found[3], (first[3] + (further[3] + further[4] + further[5])) / 4.0)
 
 
 def test_even_light_calls_for_no_extra_rays() -> None:

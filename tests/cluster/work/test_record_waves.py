@@ -9,7 +9,9 @@ import pytest
 
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.records import record_home
+from wdpm.cluster.work.records.extra_rays import ExtraRays
 from wdpm.cluster.work.records.record_wave import RecordWave, further_rays
+from wdpm.kernels.launch import ONE_THREAD
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 
@@ -40,11 +42,15 @@ def test_no_bit_depends_on_how_many_rays_are_under_way(most: int, cells: int, bo
     assert min(waves) <= most
 
 
+def extra_of(counts: list[list[int]]) -> ExtraRays:
+    return ExtraRays.of(np.array(counts), np.array(counts).sum(axis=1))
+
+
 def test_pieces_of_rays_are_all_of_them() -> None:
-    rays = further_rays(np.array([[0, 2, 1], [3, 0, 0]]), 1, 3)
+    rays = further_rays(ONE_THREAD, extra_of([[0, 2, 1], [3, 0, 0]]), 1, 3)
     pieces = list(rays.cut(4))
     assert [len(piece) for piece in pieces] == [4, 2]
     for name in ("record", "ray", "stratum", "turn"):
         joined = np.concatenate([getattr(piece, name) for piece in pieces])
         assert np.array_equal(joined, getattr(rays, name))
-    assert not list(further_rays(np.zeros((2, 3), np.int64), 1, 3).cut(4))
+    assert not list(further_rays(ONE_THREAD, extra_of([[0, 0, 0]] * 2), 1, 3).cut(4))
