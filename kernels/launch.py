@@ -15,6 +15,7 @@ from typing import Any
 import warp as wp
 
 from wdpm.kernels.quick_launch import launch
+from wdpm.kernels.stacks import allow_stacks
 
 GRAIN = 2048
 """Items below which handing a chunk of ordinary work to another thread costs more than it saves: a launch takes some
@@ -39,9 +40,13 @@ class Launcher:
         threads: cores to use on the CPU; None for all. On CUDA a launch is never cut.
         wait_for_kernels: whether a scene's own kernels are compiled before it is rendered; else kernels with all
             effects stand in for those that are not compiled (kernels/stand_ins.py).
+
+    Raises:
+        MachineError: the system allows stacks that are too small for kernels.
     """
 
     def __init__(self, device: str = "cpu", threads: int | None = None, *, wait_for_kernels: bool = True) -> None:
+        allow_stacks()
         self.device = device
         self.wait_for_kernels = wait_for_kernels
         self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
