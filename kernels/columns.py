@@ -307,7 +307,7 @@ def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
 def download_parts(
     columns: Any, names: Iterable[str], parts: Iterable[tuple[int, int]]
 ) -> Iterator[dict[str, NDArray[Any]]]:
-    """Parts of the named arrays, as arrays of their own: no more than these are copied.
+    """Parts of the named arrays as numpy arrays: on the CPU in the same memory, else no more than these are copied.
 
     Args:
         parts: first item and number of items of each.
@@ -326,4 +326,4 @@ def download_parts(
             return
         there = {name: array.numpy() for name, array in arrays.items()}
     for first, count in parts:
-        yield {name: array[first : first + count].copy() for name, array in there.items()}
+        yield {name: array[first : first + count] for name, array in there.items()}

@@ -50,11 +50,15 @@ def _interleaved(places: NDArray[np.int32], count: int) -> list[NDArray[np.int32
     The pixels of a round lie in a grid, as do those that earlier rounds have taken: always in the same order of tasks,
     one of them would have those of some columns.
     """
-    turn, place = np.divmod(np.arange(len(places)), count)
-    begins = np.where(turn < len(places) // count, turn * GOLDEN % 1.0 * count, 0.0)  # who has more comes first
-    task = (place + begins.astype(np.intp)) % count
-    by_task = places[np.argsort(task.astype(np.uint16), kind="stable")]
-    return np.split(by_task, np.cumsum(np.bincount(task))[:-1])
+    turns, left = divmod(len(places), count)
+    begins = (np.arange(turns) * GOLDEN % 1.0 * count).astype(np.intp)
+    by_turn = places[: turns * count].reshape(turns, count)
+    out = []
+    for task in range(count):
+        own = by_turn[np.arange(turns), (task - begins) % count]
+        # Who has one more comes first.
+        out.append(np.append(own, places[turns * count + task]) if task < left else own)
+    return out
 
 
 class RecordRounds:

@@ -46,9 +46,9 @@ class PhotonHome:
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
         replica.launcher(first_cells, count, cells=replica.cells, flight=flight, next_cell_out=first)
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
-        aimed = arrays["path"] >= world.global_map.paths
-        self._emitted = float(arrays["flux"][~aimed].sum(dtype=np.float64)) / 3.0
-        for row, chosen in enumerate((~aimed, aimed)):
+        aimed = max(0, min(world.global_map.paths - self.task.start, count))  # where those begin that are
+        self._emitted = float(arrays["flux"][:aimed].sum(dtype=np.float64)) / 3.0
+        for row, chosen in enumerate((slice(0, aimed), slice(aimed, count))):
             lights = replica.paths_by_light[row]
             lights += np.bincount(arrays["light"][chosen], minlength=len(lights))
         destination = first.numpy()

@@ -120,6 +120,6 @@ class PhotonPaths:
                 for chunk, (start, size) in enumerate(chunks)
             ],
         )
-        self.energy += fates.energy.numpy().sum(axis=0)
+        self.energy += [fate.sum() for fate in fates.energy.numpy().T]
         self._store.keep(deposits, capacity)
         return columns.download(flight, SCHEMAS[Kind.PHOTON]), fates.status.numpy(), fates.next_cell.numpy()

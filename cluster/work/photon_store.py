@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, zeros
 from wdpm.cluster.host_cache import CacheEntry
+from wdpm.cluster.rows import take_rows
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
@@ -113,9 +114,9 @@ class PhotonStore:
         kept = [(chunk * capacity, min(int(asked), capacity)) for chunk, asked in enumerate(deposits.count.numpy())]
         for photons in columns.download_parts(deposits.photons, names, [part for part in kept if part[1]]):
             light = photons.pop("light")
-            # A sum is finite only if its terms are.
-            if not np.isfinite(photons["flux"].sum(dtype=np.float64)):
-                finite = np.isfinite(photons["flux"]).all(axis=1)
+            there = np.isfinite(photons["flux"])
+            if not there.all():
+                finite = there.all(axis=1)
                 bad, number = np.flatnonzero(~finite), photons["id"]
                 bounce = number[bad] & ((1 << BOUNCE_BITS) - 1)
                 self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
@@ -371,7 +372,7 @@ class PhotonStore:
             else:
                 rows = self._region.within(position)
             rows = rows[at_photons.chosen(chunk["id"][rows], world.irradiance.share)]
-            found.append((rows, {name: chunk[name][rows] for name in CARRIED}))
+            found.append((rows, {name: take_rows(chunk[name], rows) for name in CARRIED}))
         return found
 
     def irradiance_part(self) -> Arrays:
@@ -421,9 +422,9 @@ class PhotonStore:
         count, device = len(photons["id"]), launcher.device
         facing = np.where(photons["front"][:, None] == 1, photons["normal"], -photons["normal"])
         position, normal, front = (
-            wp.array(a, dtype=wp.vec3, device=device) for a in (photons["position"], photons["normal"], facing)
+            columns.array_over(a, wp.vec3, device) for a in (photons["position"], photons["normal"], facing)
         )
-        rank = wp.array(photons["rank"], dtype=wp.int32, device=device)
+        rank = columns.array_over(photons["rank"], wp.int32, device)
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
         launcher(

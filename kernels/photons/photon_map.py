@@ -419,11 +419,15 @@ def _check_vectors(vectors: Mapping[str, npt.NDArray[np.float32]], ids: npt.NDAr
     for name, value in vectors.items():
         if value.shape != (len(ids), 3):
             raise WdpmError(f"photon map: {name} has shape {value.shape}, expected ({len(ids)}, 3) like id")
-        # A sum is finite only if its terms are: one pass without a temporary array.
-        if not np.isfinite(value.sum(dtype=np.float64)):
-            bad = int(np.flatnonzero(~np.isfinite(value).all(axis=1))[0])
-            raise WdpmError(f"photon map: photon {ids[bad]} has {name} {value[bad].tolist()}, expected finite numbers")
-    largest = np.abs(vectors["position"]).max(initial=0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            together = value.sum()
+        if not np.isfinite(together):  # one pass without a temporary array; a sum of many may be inf though none is
+            bad = np.flatnonzero(~np.isfinite(value).all(axis=1))
+            if len(bad):
+                of = f"photon {ids[bad[0]]} has {name} {value[bad[0]].tolist()}"
+                raise WdpmError(f"photon map: {of}, expected finite numbers")
+    position = vectors["position"]
+    largest = max(position.max(initial=0.0), -position.min(initial=0.0))
     if largest > MAX_PHOTON_COORDINATE:
         raise WdpmError(f"photon map: a coordinate is {largest:g}, expected at most {MAX_PHOTON_COORDINATE:g}")
 

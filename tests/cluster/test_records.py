@@ -29,7 +29,7 @@ from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
-from wdpm.cluster.master.records import READ_FURTHER, RecordRounds
+from wdpm.cluster.master.records import READ_FURTHER, RecordRounds, _interleaved
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
@@ -471,3 +471,16 @@ def test_records_of_many_boxes_are_kept_once() -> None:
     records = irradiance_records(5)
     boxes = [(np.full(3, float(i), np.float32), np.full(3, i + 0.5, np.float32)) for i in range(5)]
     assert equal(take_near(records, boxes), records)
+
+
+def test_candidates_of_a_round_are_dealt_out_one_by_one() -> None:
+    """Every task gets one of each turn, and who begins it is another one each time; the rest goes to the first."""
+    places = np.arange(100, 100 + 4 * 50 + 3, dtype=np.int32)
+    tasks = _interleaved(places, 4)
+    assert [len(task) for task in tasks] == [51, 51, 51, 50]
+    assert np.array_equal(np.sort(np.concatenate(tasks)), places)
+    turns = np.stack([(task[:50] - 100) // 4 for task in tasks])
+    assert (turns == np.arange(50)).all()
+    first = np.argmin([task[:50] for task in tasks], axis=0)
+    assert set(first.tolist()) == {0, 1, 2, 3}
+    assert [task[-1] for task in tasks[:3]] == places[-3:].tolist()

@@ -11,6 +11,7 @@ from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.photons import kd_order
 from wdpm.kernels.photons.gather import box_distance2, distance2_to
 from wdpm.kernels.photons.photon_map import PhotonMap
+from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -86,3 +87,13 @@ def test_millions_of_photons_in_one_place_are_split_like_any_others() -> None:
     assert kd_order.LEAF_SIZE == 8
     found = gather_all(tree, query_at([[0.0, 0.0, 0.0]]), 50, 1.0)
     assert found.count[0] == 50
+
+
+def test_photons_of_any_finite_flux_are_stored() -> None:
+    """Together they may be more than float32 holds."""
+    photons = photons_at(np.zeros((40, 3)))
+    photons.flux[:20], photons.flux[20:] = np.float32(3e38), np.float32(-3e38)
+    assert len(photons.build().leaves) > 0
+    photons.flux[7, 1] = np.nan
+    with pytest.raises(WdpmError, match=r"photon 7 has flux .* expected finite numbers"):
+        photons.build()
