@@ -350,7 +350,8 @@ class Cluster(Backend):
         if self._placed is not None:
             self._placed.all_joined()
         team = partial(sharing, self._copies, slaves)
-        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
+        neighbours = local_sockets.shared_with(self._master.endpoint)
+        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team, neighbours=neighbours)
         forget_pilot(prepared)
         self._beside.compile(prepared.uncompiled, progress.note)
         return prepared

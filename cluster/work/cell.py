@@ -6,14 +6,14 @@ it says where it goes: rays to other cells, results to the home of their task.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, Arrays, Batch, Kind
-from wdpm.cluster.host_cache import CacheEntry
+from wdpm.cluster.host_cache import CacheEntry, HostCache
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraPaths
@@ -64,8 +64,7 @@ class Cell:
             triangles.let_go()
             return [trees, cell_triangles.upload(triangles, replica.world.extent, device, instances)]
 
-        kinds = (two_level.Trees, cell_triangles.Surfaces)
-        self._trees, self._surfaces = replica.host_cache.get(CacheEntry(f"cell {number}", kinds, make))
+        self._trees, self._surfaces = replica.host_cache.get(self._entry(make))
         self.store = PhotonStore(number, self._surfaces, triangles.instances, replica)
         self._camera_paths = CameraPaths(number, self._trees, self._surfaces, self.store, replica)
         self._photon_paths = PhotonPaths(number, self._trees, self._surfaces, self.store, replica)
@@ -85,6 +84,14 @@ class Cell:
             Kind.PHOTON: self._photon_paths.trace,
             Kind.LANDED: self._photon_paths.trace,
         }
+
+    def _entry(self, make: Callable[[], Sequence[Any]]) -> CacheEntry:
+        """The tree and the tables of its triangles, as workers of one machine share them."""
+        return CacheEntry(f"cell {self.number}", (two_level.Trees, cell_triangles.Surfaces), make)
+
+    def lend(self, host_cache: HostCache) -> Sequence[Any]:
+        """Have workers that share this cache map what was made of the triangles here; what keeps that there."""
+        return host_cache.get(self._entry(lambda: [self._trees, self._surfaces]))
 
     def advance(self, batch: Batch) -> Iterator[Batch]:
         """Do what a batch asks for, and yield what follows from it."""

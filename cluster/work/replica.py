@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -114,13 +114,16 @@ class Replica:
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         outlines = vars(tree.outlines) if len(tree.outlines.first) else None
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device, outlines)
-        textures = CacheEntry("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
-        (self.textures,) = self.host_cache.get(textures)
+        (self.textures,) = self.host_cache.get(_textures(lambda: texture.upload(world.textures, device)))
         self.media = medium.upload(world.media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
         self.update_materials()
         self.update_emission()
+
+    def lend_textures(self, host_cache: HostCache) -> Sequence[Any]:
+        """Have workers that share this cache map the textures that lie here; what keeps them there."""
+        return host_cache.get(_textures(lambda: self.textures))
 
     def update_materials(self) -> None:
         """Upload the materials of the World, which have changed."""
@@ -249,6 +252,11 @@ class Replica:
             axes = self.world.lights.environment_axes
             self._tiled_environment = environment.upload(self.tiled_sky.pixels, axes, self.launcher.device)
         return self._tiled_environment
+
+
+def _textures(make: Callable[[], Any]) -> CacheEntry:
+    """The scene's textures, as workers of one machine share them."""
+    return CacheEntry("textures", (Textures,), lambda: [make()])
 
 
 def with_camera(features: Features, view: Camera) -> Features:

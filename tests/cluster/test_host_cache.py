@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,17 @@ from wdpm.cluster import host_cache
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.host_cache import CacheEntry, HostCache, name_of
 from wdpm.cluster.master import phases
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.transport import host_share
 from wdpm.cluster.transport.host_share import HostShare
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
+from wdpm.kernels.launch import ONE_THREAD
+from wdpm.progress import SilentProgress
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
+from wdpm.rendering.prepare import Prepared, prepare
 
 if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets processes share no memory")
 
@@ -80,6 +85,45 @@ def test_an_image_keeps_its_bits(
     assert ("records" in kinds) == (indirect is Indirect.CACHE)
     pilots = {"cell 0", "textures"}  # made by the worker of the pilot too, which has ended when the others begin
     assert {name: times for name, times in made.items() if times > 1 + (name in pilots)} == {}
+
+
+def prepared_for(folder: Path, *, team: int = 1) -> Prepared:
+    """The Cornell box for two slaves of this machine."""
+    chosen = RenderSettings(photons=500, spp=1, k=20, indirect=Indirect.MAP)
+    scene, share = wdpm.load("cornell-box", size=(8, 8)), HostShare(folder)
+    return prepare(scene, chosen, 2, ONE_THREAD, SilentProgress(), team=lambda _: Sharing(2, team), neighbours=share)
+
+
+def slave_of(prepared: Prepared, folder: Path) -> CellWorker:
+    session = prepared.session
+    cache = HostCache(HostShare(folder), session.digest)
+    return CellWorker(0, session.world, {0: session.partition(0)}, [0], ONE_THREAD, cache)
+
+
+@if_shared
+def test_slaves_map_what_the_pilot_was_flown_in(made: Counter[str], tmp_path: Path) -> None:
+    """As long as the master has it; then one of them makes it for all."""
+    prepared = prepared_for(tmp_path)
+    assert made == {"cell 0": 1, "textures": 1}
+    slaves = [slave_of(prepared, tmp_path) for _ in range(2)]
+    assert made == {"cell 0": 1, "textures": 1}
+    assert all(slave.replica.host_cache.found_some for slave in slaves)
+    session = replace(prepared, lent=())
+    del prepared, slaves
+    assert not list(tmp_path.iterdir())
+    anew = [slave_of(session, tmp_path) for _ in range(2)]
+    assert made == {"cell 0": 2, "textures": 2}
+    assert [slave.replica.host_cache.found_some for slave in anew] == [False, True]
+
+
+@if_shared
+@pytest.mark.parametrize(("team", "most"), [(2, 1 << 18), (1, 1)], ids=["divided", "large"])
+def test_nothing_is_lent_of_divided_and_of_large_scenes(
+    team: int, most: int, made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wdpm.rendering.prepare.WORTH_FORGETTING", most)
+    assert not prepared_for(tmp_path, team=team).lent
+    assert not made
 
 
 class Photons:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from os import PathLike
@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment, allotment_by_noise
+from wdpm.cluster.host_cache import HostCache, Share
 from wdpm.cluster.host_memory import return_free_memory
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.copies import SceneMemory, Sharing, largest_team, scene_memory
@@ -76,6 +77,7 @@ class Prepared:
         lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
         header: what headers of its images say of the scene.
         uncompiled: features whose kernels others stand in for; first what the image is rendered with.
+        lent: what slaves of this machine map of what the pilot was flown in; it is there as long as this.
     """
 
     pilot: CellWorker | None
@@ -93,6 +95,7 @@ class Prepared:
     lit_scene: str
     header: SceneHeader
     uncompiled: tuple[Features, ...] = ()
+    lent: Sequence[Any] = ()
 
 
 OF_RECORDS = ("seed", "photons", "k", "radius", "caustic_photons", "caustic_k", "caustic_radius", "max_depth")
@@ -133,6 +136,7 @@ def prepare(
     cells: int | None = None,
     processes: int = 1,
     team: Callable[[SceneMemory], Sharing] | None = None,
+    neighbours: Share | None = None,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
@@ -142,6 +146,7 @@ def prepare(
         cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
         team: memory that the scene takes -> which workers hold it together; None for all.
+        neighbours: what workers of this machine share; None if they share nothing, or are elsewhere.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -189,6 +194,7 @@ def prepare(
         lit_scene=digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS), "caustics" in settings.without),
         header=header_of(scene),
         uncompiled=tuple(reversed(compiling.uncompiled)),
+        lent=() if alone or neighbours is None else _lent(plan, session, flat, launcher, neighbours),
     )
 
 
@@ -262,6 +268,18 @@ def forget_pilot(prepared: Prepared) -> None:
     """Give back to the system what a pilot took that nobody goes on with: a tree and tables of the whole scene."""
     if prepared.pilot is None and prepared.triangles >= WORTH_FORGETTING:
         return_free_memory()
+
+
+def _lent(plan: RenderPlan, session: Session, flat: FlatScene, launcher: Launcher, neighbours: Share) -> Sequence[Any]:
+    """What the pilot was flown in, a tree and tables of the whole scene, for slaves of this machine that hold it all.
+
+    They would make the same. Of a large scene they do: what is copied for them would lie here twice for a moment.
+    """
+    if plan.pilot is None or session.team_size > 1 or flat.triangles.total >= WORTH_FORGETTING:
+        return ()
+    cache = HostCache(neighbours, session.digest, in_main_memory=launcher.device == "cpu")
+    of_cells = [cell.lend(cache) for cell in plan.pilot.cells.values()]
+    return [plan.pilot.replica.lend_textures(cache), *of_cells]
 
 
 WORTH_FORGETTING = 1 << 18
