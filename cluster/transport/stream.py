@@ -5,6 +5,7 @@ Both ends are this program, at the same version and on the same machine. Frames 
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 from collections.abc import Sequence
@@ -20,6 +21,13 @@ _COUNT = struct.Struct("<I")
 def pair() -> tuple[Stream, Stream]:
     """The two ends of a new stream. They have no name, so nothing is left behind when both are closed."""
     return socket.socketpair()
+
+
+def end(stream: Stream) -> None:
+    """Close a stream so that the other end sees it, though processes that were forked meanwhile have copies of this."""
+    with contextlib.suppress(OSError):  # it is closed, or the other end is gone
+        stream.shutdown(socket.SHUT_RDWR)
+    stream.close()
 
 
 def send(stream: Stream, frames: Sequence[Frame]) -> None:

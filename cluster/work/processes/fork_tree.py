@@ -12,6 +12,7 @@ import ctypes
 import mmap
 import os
 import signal
+import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Sequence
@@ -23,6 +24,21 @@ from wdpm.cluster.work.processes.sibling import can_fork_siblings, fork_sibling
 
 Serve = Callable[[stream.Stream], None]
 """What a forked process does with its end of the stream to the first one. It ends when this returns."""
+
+
+_growing = threading.Lock()
+"""Threads may render at once: what one forks would have the ends of streams that another is about to close, and nobody
+would see these end."""
+
+
+def _let_others_grow() -> None:
+    """In a process that was forked: whoever had the lock is not there."""
+    global _growing
+    _growing = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_others_grow)
 
 
 @dataclass(frozen=True)
@@ -57,8 +73,8 @@ def fork_tree(count: int, serve: Serve, others: Sequence[stream.Stream] = ()) ->
     Raises:
         OSError: the system allows none.
     """
-    tree = _Tree(count, serve, others)
-    return tree.grow()
+    with _growing:
+        return _Tree(count, serve, others).grow()
 
 
 class _Tree:

@@ -104,7 +104,8 @@ class ForkedTasks:
         self._waiting: deque[Task] = deque()
         self._selector = selectors.DefaultSelector()
         self._losses = 0
-        weakref.finalize(self, _end, self._processes, self._ending, os.getpid())
+        self._parent = os.getpid()
+        weakref.finalize(self, _end, self._processes, self._ending, self._parent)
 
     @property
     def running(self) -> int:
@@ -153,11 +154,13 @@ class ForkedTasks:
     def stop(self) -> None:
         """End the processes, whatever they are at; the worker may change then. May be called again."""
         self.let_go()
-        _end(self._processes, self._ending, os.getpid())
+        _end(self._processes, self._ending, self._parent)
 
     def let_go(self) -> None:
         """As `stop`, but what is at no task may end while the worker changes."""
         self._waiting.clear()
+        if os.getpid() != self._parent:  # a program's own fork has a copy of this, and no processes
+            return
         _tell_to_end(self._processes)
         self._ending.extend(self._processes)
         self._processes.clear()
@@ -269,7 +272,7 @@ def _end(processes: list[_Process], ending: list[_Process], parent: int) -> None
 
 def _tell_to_end(processes: list[_Process]) -> None:
     for process in processes:
-        process.forked.stream.close()
+        stream.end(process.forked.stream)  # closed alone, it would stay open in what others have forked meanwhile
         if process.forked.pid:
             _kill_at_task(process)
 

@@ -9,6 +9,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +22,7 @@ import pytest
 import warp as wp
 from digests import same_bits
 from one_cell import ready
-from patience import wait_until
+from patience import WAIT_S, wait_until
 
 from wdpm.cluster.records import CachePlan, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings
@@ -360,6 +362,40 @@ def test_no_process_is_left_when_the_render_is_given_up(forked: ForkedTasks) -> 
     pids = processes_of(forked)
     forked.stop()
     assert not any(map(is_there, pids))
+
+
+def test_renders_of_several_threads_do_not_wait_for_each_others_end(worker: CellWorker, forked: ForkedTasks) -> None:
+    """Processes of the one have copies of the other's streams, and know nothing of them."""
+    begin(forked, BUCKETS[:3])
+    pids = processes_of(forked)
+    finish(forked)
+    other = ForkedTasks(worker, 2)
+    begin(other, BUCKETS[:2])
+    finish(other)
+    stopping = threading.Thread(target=forked.stop, daemon=True)
+    stopping.start()
+    stopping.join(WAIT_S)
+    still_there = stopping.is_alive()
+    other.stop()
+    assert not still_there
+    assert not any(map(is_there, pids))
+
+
+def test_a_fork_of_the_whole_program_ends_no_process(forked: ForkedTasks) -> None:
+    begin(forked, BUCKETS[:3])
+    pids = processes_of(forked)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        copy = os.fork()
+    if copy == 0:
+        try:
+            forked.stop()
+        finally:
+            os._exit(0)
+    os.waitpid(copy, 0)
+    results = finish(forked)
+    assert sorted(result.number for result in results) == [0, 1, 2]
+    assert processes_of(forked) == pids
 
 
 def test_the_report_counts_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
