@@ -1,4 +1,4 @@
-"""What a render has learnt about where light comes from: which lights, and which parts of the sky, reach where."""
+"""What a render has learnt about where light comes from: lights, parts of the sky, and caustics."""
 
 from __future__ import annotations
 
@@ -41,3 +41,38 @@ NO_GUIDE = LightGuide(
     np.empty((0, 0), np.float32),
 )
 """Of a view whose lights are chosen by what they would send if nothing stood in between."""
+
+
+@dataclass(frozen=True, eq=False)
+class CausticGuide:
+    """Regions of space, and where paths go on in each to find caustics (kernels.camera.caustic_guide).
+
+    Attributes:
+        axis, split: of the kd-tree whose leaves are the regions, as of LightGuide; shape [regions - 1].
+        first: of each region's lobes, and one more past the last, int32, shape [regions + 1]; empty for no regions.
+        target: that a lobe's middle leads to from anywhere in its region, float32, shape [lobes, 3].
+        rim: 1 - cos of the angle between a lobe's middle and its rim, above 0 and at most 1, float32, shape [lobes].
+        share: probability of each lobe, float32, shape [lobes]; those of a region sum to 1.
+    """
+
+    axis: NDArray[np.int32]
+    split: NDArray[np.float32]
+    first: NDArray[np.int32]
+    target: NDArray[np.float32]
+    rim: NDArray[np.float32]
+    share: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """How many regions there are; 0 where nothing was learnt."""
+        return max(len(self.first) - 1, 0)
+
+
+NO_CAUSTIC_GUIDE = CausticGuide(
+    np.empty(0, np.int32),
+    np.empty(0, np.float32),
+    np.empty(0, np.int32),
+    np.empty((0, 3), np.float32),
+    np.empty(0, np.float32),
+    np.empty(0, np.float32),
+)
+"""Of a view whose paths go on from diffuse surfaces by the cosine alone."""

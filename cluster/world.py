@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import NO_ALLOTMENT, NO_LAMP_OUTLINES, Allotment, LampOutlines
-from wdpm.cluster.guide import NO_GUIDE, LightGuide
+from wdpm.cluster.guide import NO_CAUSTIC_GUIDE, NO_GUIDE, CausticGuide, LightGuide
 from wdpm.cluster.lit_places import NO_LIT_PLACES, LitPlaces
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.render_settings import Routing
@@ -276,6 +276,7 @@ class View:
         lit_places: where gather rays of irradiance records are worth while.
         outlines: pixels that take some times as many samples as the View or its allotment says.
         caustic_share: 1 of so many samples of a pixel asks the caustic map, for all of them; a power of two.
+        caustic_guide: where paths go on from diffuse surfaces to find caustics.
     """
 
     camera: Camera
@@ -296,6 +297,7 @@ class View:
     lit_places: LitPlaces = NO_LIT_PLACES
     outlines: LampOutlines = NO_LAMP_OUTLINES
     caustic_share: int = 1
+    caustic_guide: CausticGuide = NO_CAUSTIC_GUIDE
 
     @property
     def caustic_turn(self) -> tuple[int, int]:

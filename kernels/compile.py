@@ -10,7 +10,7 @@ from dataclasses import replace
 import warp as wp
 
 from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded
-from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays, splats
+from wdpm.kernels.camera import add_samples, caustic_guide, filter_weights, guide_pilot, rays, shadow_rays, splats
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
     arrivals,
@@ -33,6 +33,7 @@ from wdpm.kernels.photons import (
     gather,
     gather_at_photons,
     kd_order,
+    lobes,
     neighbours,
     photon_map,
     surface_points,
@@ -77,8 +78,8 @@ COMMON = (
 WITH_INSTANCES = (instance_areas,)
 """For scenes in which shapes stand in several places."""
 
-WITH_GLOSS = (pieces,)
-"""For scenes with something to aim photons at."""
+WITH_GLOSS = (pieces, lobes, caustic_guide)
+"""For scenes with something to aim photons at, and what may make caustics."""
 
 MODULES = (*COMMON, *WITH_INSTANCES, *WITH_GLOSS)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from wdpm.cluster.allotment import Allotment, LampOutlines
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
-from wdpm.cluster.guide import LightGuide
+from wdpm.cluster.guide import CausticGuide, LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import protocol
@@ -23,6 +23,7 @@ from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.emission_checks import SHAPES_OF_EMISSION, check_steering
+from wdpm.cluster.messages.guide_checks import SHAPES_OF_GUIDES, check_caustic_guide, check_light_guide
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
 from wdpm.cluster.messages.short_bitmaps import ShortBitmap
 from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
@@ -46,6 +47,7 @@ from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 SHAPES: dict[type, dict[str, Shape]] = {
     **SHAPES_OF_CELLS,
+    **SHAPES_OF_GUIDES,
     protocol.BuildMaps: {"regions": ("parts", 2, 3)},
     MaterialTable: {
         "kind": ("nodes",),
@@ -292,22 +294,6 @@ def _photon_plan(plan: PhotonPlan, where: str) -> None:
     _require(_positive(plan.volume_unit), where, f"volume_unit {plan.volume_unit}")
 
 
-def _light_guide(guide: LightGuide, where: str) -> None:
-    """Tiles must also be those of the World's environment: the replica sees to that."""
-    regions = len(guide)
-    right = (
-        (guide.chance.ndim, guide.starts.ndim, guide.distant.ndim) == (3, 2, 2)
-        and regions & (regions - 1) == 0
-        and len(guide.axis) == max(regions - 1, 0)
-    )
-    _require(right and guide.split.shape == guide.axis.shape, where, f"{regions} regions, {len(guide.axis)} planes")
-    _indices(guide.axis, 0, 3, f"{where}.axis")
-    tables = (guide.chance, guide.starts, guide.distant)
-    _require(all(len(table) == regions for table in tables), where, "a table is not one row for each region")
-    sound = all(bool(np.isfinite(table).all() and (table >= 0).all()) for table in tables)
-    _require(sound and bool(np.isfinite(guide.split).all()), where, "a plane or a factor is no number, or negative")
-
-
 def _lit_places(places: LitPlaces, where: str) -> None:
     finite = all(bool(np.isfinite(column).all()) for column in vars(places).values())
     positive = bool((places.power >= 0).all() and (places.radius > 0).all())
@@ -470,7 +456,8 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     IrradiancePlan: _irradiance_plan,
     PhotonPlan: _photon_plan,
     View: check_view,
-    LightGuide: _light_guide,
+    LightGuide: check_light_guide,
+    CausticGuide: check_caustic_guide,
     Allotment: check_allotment,
     LampOutlines: check_lamp_outlines,
     LitPlaces: _lit_places,

@@ -43,7 +43,12 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
 
 def calls_for_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
     """Whether light may reach a diffuse surface by way of glossy ones alone."""
-    if not settings.algorithm.maps(settings).caustic or not features.glossy:
+    return settings.algorithm.maps(settings).caustic and has_caustics(flat, features)
+
+
+def has_caustics(flat: FlatScene, features: Features) -> bool:
+    """Whether a scene has what makes a caustic, and what shows one."""
+    if not features.glossy:
         return False
     found = [fact for _, fact in used_materials(flat)]
     return any(fact.glossy for fact in found) and any(fact.diffuse for fact in found)

@@ -158,11 +158,11 @@ def fly_pilot(
         of_each = _affordable_paths(worker, world)
         world = with_paths(world, of_each)
         worker.adopt(world)
-    photons = _flown(worker) if of_each == PILOT_PATHS or calls_for_media(flat) else _flown_unless_few(worker)
+    photons = flown_photons(worker) if of_each == PILOT_PATHS or calls_for_media(flat) else _flown_unless_few(worker)
     if photons is None:
         of_each = PILOT_PATHS
         worker.adopt(with_paths(world, of_each))
-        photons = _flown(worker)
+        photons = flown_photons(worker)
     flat.triangles.let_go()
     return PhotonPilot(settings, of_each, worker, photons)
 
@@ -183,7 +183,7 @@ def with_paths(world: World, of_each: int) -> World:
 
 
 def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
-    """As _flown; None as soon as some map of surfaces is seen to have fewer photons than tell how many paths store one.
+    """As flown_photons; None as soon as a map of surfaces is seen to have fewer than tell how many paths store one.
 
     Photons of one pass come to one map, and those of the global pass are traced first.
     """
@@ -203,7 +203,7 @@ def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
 def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:
     """The pilot in a world in which photons are shared out and steered as they are to be, which leaves so much."""
     pilot.worker.adopt(world)
-    photons = _flown(pilot.worker)
+    photons = flown_photons(pilot.worker)
     flat.triangles.let_go()
     return PhotonPilot(pilot.settings, pilot.paths, pilot.worker, photons, left)
 
@@ -278,21 +278,21 @@ def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: i
         volume_map=MapPlan(0),
         stores_direct=True,
     )
-    with _in_world(straight, pilot) as worker:
-        return _flown(worker)[GLOBAL_MAP]
+    with in_world(straight, pilot) as worker:
+        return flown_photons(worker)[GLOBAL_MAP]
 
 
 def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot, paths: int) -> tuple[Arrays, NDArray[np.int32]]:
     """Caustic photons of some paths, were the materials others, and which light each of them comes from."""
     alone = replace(pilot.world, global_map=MapPlan(0), caustic_map=MapPlan(paths), volume_map=MapPlan(0))
     other = replace(alone, materials=materials)
-    with _in_world(other, pilot) as worker:
-        photons = _flown(worker)[CAUSTIC_MAP]
+    with in_world(other, pilot) as worker:
+        photons = flown_photons(worker)[CAUSTIC_MAP]
         return photons, _light_of_path(worker)[photons["id"] >> BOUNCE_BITS]
 
 
 @contextmanager
-def _in_world(world: World, pilot: PhotonPilot) -> Iterator[CellWorker]:
+def in_world(world: World, pilot: PhotonPilot) -> Iterator[CellWorker]:
     """The pilot's worker in another world, for as long as the context lasts."""
     worker, before = pilot.worker, pilot.world
     worker.adopt(world)
@@ -302,7 +302,7 @@ def _in_world(world: World, pilot: PhotonPilot) -> Iterator[CellWorker]:
         worker.adopt(before)
 
 
-def _flown(worker: CellWorker) -> list[Arrays]:
+def flown_photons(worker: CellWorker) -> list[Arrays]:
     """Photons of each map that all paths of the worker's world store."""
     return _by_map(_photons_of(worker, worker.replica.world.paths))
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import NO_LAMP_OUTLINES, LampOutlines, lamp_outlines_of
 from wdpm.cluster.lit_places import LitPlaces
+from wdpm.cluster.plan.caustics.guide import CausticsLearnt, learn_caustics
 from wdpm.cluster.plan.copies import TRIANGLE_BYTES
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
@@ -78,6 +79,7 @@ class RenderPlan(WorldPlan):
         pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
             holds the whole scene.
         learnt: how the view's shadow rays choose among lights.
+        caustics: where its paths go on to find caustics.
         caustic_k: photons that gathers of the caustic map look for.
         tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
         lit_places: that light comes to straight from the lights.
@@ -88,6 +90,7 @@ class RenderPlan(WorldPlan):
 
     pilot: CellWorker | None
     learnt: Learnt
+    caustics: CausticsLearnt
     caustic_k: int
     tolerance: float
     lit_places: LitPlaces
@@ -99,7 +102,7 @@ class RenderPlan(WorldPlan):
         """The view, with what the pilot has taught."""
         cache = with_tolerance(view.cache, self.tolerance)
         known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places, outlines=self.outlines)
-        return with_guide(known, self.learnt)
+        return with_guide(replace(known, caustic_guide=self.caustics.guide), self.learnt)
 
 
 def make_render_plan(
@@ -131,15 +134,22 @@ def make_render_plan(
     pilot.worker.forget_photons()
     if learnt is None:
         learnt = learn_guide(flat, pilot.cell, view, settings.samples_of_pass)
+    caustics = learn_caustics(flat, settings, view, pilot)
     lit = lit_places(pilot, view.cache)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
-    words = (steering_in_words(pilot), records_in_words(tolerance, view.cache), _outlines_in_words(outlines))
+    words = (
+        steering_in_words(pilot),
+        records_in_words(tolerance, view.cache),
+        _outlines_in_words(outlines),
+        caustics.words,
+    )
     flat.triangles.let_go()
     return RenderPlan(
         **vars(decided),
         pilot=pilot.worker if tree.cells == 1 else None,
         learnt=learnt,
+        caustics=caustics,
         caustic_k=planned.caustic_k,
         tolerance=tolerance,
         lit_places=lit,

@@ -14,7 +14,7 @@ from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.host_cache import CacheEntry, HostCache, name_of
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
-from wdpm.kernels.camera import camera
+from wdpm.kernels.camera import camera, caustic_guide
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import Orders
@@ -106,6 +106,7 @@ class Replica:
         self.records = NO_RECORDS
         self._record_tree: Any = None
         self._view_lights: Any = None
+        self._caustics: Any = None
         self._bare_scene: Any = None
         self._orders: dict[tuple[int, DiffuseLight, bool], Any] = {}
         self._tiled_environment: Any = None
@@ -184,6 +185,7 @@ class Replica:
         features = with_camera(self.world.features, view.camera)
         self._choose_kernels(features)
         self._view_lights = self._guided(view.guide)
+        self._caustics = caustic_guide.upload(**vars(view.caustic_guide), device=self.launcher.device)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
         self._bare_scene = None
         self._orders.clear()
@@ -209,6 +211,7 @@ class Replica:
         for name in ("materials", "textures", "media", "cells", "camera"):
             setattr(scene, name, getattr(self, name))
         scene.lights = self._view_lights
+        scene.caustics = self._caustics
         return scene
 
     def _guided(self, known: LightGuide) -> Any:

@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from wdpm.kernels.camera.caustic_guide import GUIDED, guided_direction, guided_pdf, lobes_at, onward_number, over_both
 from wdpm.kernels.camera.paths import Paths, Vertex
 from wdpm.kernels.camera.picked_light import ways_of_vertex
 from wdpm.kernels.camera.scene import Scene
@@ -31,7 +32,7 @@ from wdpm.kernels.constants import (
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import Surface, bump_shading, goes_through, leave, to_world
+from wdpm.kernels.materials.surface import Surface, bump_shading, goes_through, leave, to_local, to_world
 from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -82,9 +83,23 @@ def make_go_on(features: Features) -> wp.Function:
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
-                w_to = cosine_direction(numbers_2d(seed, p))
-                onward.direction = to_world(s, w_to)
-                onward.pdf = diffuse_share * (w_to[2] * INV_PI) / ways
+                u = numbers_2d(seed, p)
+                region = wp.int32(-1)
+                if orders.diffuse_light == BY_PATHS:
+                    region = lobes_at(scene.caustics, s.position)
+                guided = region >= 0 and u[0] < GUIDED
+                if region >= 0:
+                    u[0] = onward_number(u[0])
+                if guided:
+                    onward.direction = guided_direction(scene.caustics, region, s.position, u)
+                    w_to = to_local(s, onward.direction)
+                else:
+                    w_to = cosine_direction(u)
+                    onward.direction = to_world(s, w_to)
+                by_cosine = wp.max(w_to[2], 0.0) * INV_PI
+                # Shadow rays know of this density alone. Lamps that a ray meets count by it whichever way it was drawn:
+                # what both weigh by has to be the same, and need not be what the ray was drawn by.
+                onward.pdf = diffuse_share * by_cosine / ways
                 onward.anchor = s.position
                 onward.edges = p.edges + 1
                 onward.diffuse = wp.where(p.diffuse == 0, 1, scattered_again(p.diffuse))
@@ -92,6 +107,9 @@ def make_go_on(features: Features) -> wp.Function:
                     onward.throughput = wp.cw_mul(
                         p.throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share)
                     )
+                    if region >= 0:
+                        by_lobes = guided_pdf(scene.caustics, region, s.position, onward.direction)
+                        onward.throughput = onward.throughput * over_both(by_cosine, by_lobes)
                     if wp.static(features.bent):
                         onward.throughput = onward.throughput * bump_shading(s, onward.direction)
         if wp.static(features.glossy):

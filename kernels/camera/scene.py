@@ -5,6 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.camera.camera import CameraView
+from wdpm.kernels.camera.caustic_guide import CausticGuide
 from wdpm.kernels.lights.lights import Lights
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import Materials
@@ -22,6 +23,7 @@ class Scene:
     Attributes:
         surfaces: of the cell; none where what has met no surface is looked at.
         cells: all of them.
+        caustics: where paths go on to find them.
     """
 
     surfaces: Surfaces
@@ -31,3 +33,4 @@ class Scene:
     lights: Lights
     cells: Cells
     camera: CameraView
+    caustics: CausticGuide

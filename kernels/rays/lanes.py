@@ -192,6 +192,37 @@ _INSIDE = """
 """.replace("@LANES@", _LANES)
 
 
+_CONES = """
+#if defined(__CUDA_ARCH__)
+    typedef float lanes;
+    int mask = 0;
+    for (int k = 0; k < 8; ++k)
+#else
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+    typedef bool bits __attribute__((ext_vector_type(8)));
+    int mask;
+    const int k = 0;
+#endif
+    {
+        const float* rows = cones.data + 32 * block + k;
+        const lanes x = *(const lanes*)rows - origin[0];
+        const lanes y = *(const lanes*)(rows + 8) - origin[1];
+        const lanes z = *(const lanes*)(rows + 16) - origin[2];
+        const lanes along = x * direction[0] + y * direction[1] + z * direction[2];
+        const lanes square = x * x + y * y + z * z;
+        const auto met = (along > 0.0f) & (along * along > *(const lanes*)(rows + 24) * square);
+#if defined(__CUDA_ARCH__)
+        mask |= (met != 0) << k;
+    }
+    return mask;
+#else
+        mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(met, bits));
+    }
+    return mask;
+#endif
+"""
+
+
 @wp.func_native(_ENTER)
 def children_enter(bounds: wp.array[vec8], node: int, origin: wp.vec3, inverse: wp.vec3) -> vec8:
     """Where a ray enters the boxes of a node's children, not before its origin.
@@ -250,6 +281,18 @@ def slabs_met(
         slabs: six rows of eight numbers a block: a unit normal's x, y and z, the least and the largest distance along
             it, and the reach. A normal of 0 is met by every ray.
         longest: the direction's largest absolute component.
+    """
+    ...
+
+
+@wp.func_native(_CONES)
+def cones_met(cones: wp.array[wp.float32], block: int, origin: wp.vec3, direction: wp.vec3) -> int:
+    """Bit k is set if a direction lies in cone k of a block, about the way from the origin to the cone's target.
+
+    Args:
+        cones: four rows of eight numbers a block: a target's x, y and z, and the squared cosine of the half angle,
+            which is a right angle at most.
+        direction: of length 1.
     """
     ...
 

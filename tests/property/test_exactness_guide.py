@@ -1,10 +1,11 @@
-"""The exactness contract where shadow rays are guided: what is learnt, and what is rendered with it."""
+"""The exactness contract where rays are guided, to lights or caustics: what is learnt, and what is rendered with it."""
 
 from __future__ import annotations
 
 import random
 from dataclasses import replace
 
+import mirrored_lamp
 import numpy as np
 import pytest
 import two_rooms
@@ -25,6 +26,7 @@ CASES: dict[str, tuple[Scene, RenderSettings]] = {
     "path": (window_room.room(size=(24, 16)), PATH),
     "photons": (window_room.room(size=(24, 16)), BY_PHOTONS),
     "lamps": (two_rooms.rooms((two_rooms.POINT, two_rooms.SUN), size=(24, 16)), PATH),
+    "caustics": (mirrored_lamp.mirrored(0.03), replace(PATH, spp=2)),
 }
 
 _alone: dict[str, Image] = {}
@@ -40,9 +42,11 @@ def reference_of(case: str) -> Image:
 @pytest.mark.parametrize("case", list(CASES))
 def test_the_guide_is_seen_in_the_image(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     guided = reference_of(case)
+    layer = "indirect" if case == "caustics" else "direct"
     monkeypatch.setattr("wdpm.cluster.plan.guide_tiles.WORTH", 0.0)
     monkeypatch.setattr("wdpm.cluster.plan.guide_starts.WORTH", 0.0)
-    assert not np.array_equal(alone(*CASES[case]).layers["direct"], guided.layers["direct"])
+    monkeypatch.setattr("wdpm.cluster.plan.caustics.guide.WORTH", 0.0)
+    assert not np.array_equal(alone(*CASES[case]).layers[layer], guided.layers[layer])
 
 
 @pytest.mark.parametrize(
@@ -53,6 +57,9 @@ def test_the_guide_is_seen_in_the_image(case: str, monkeypatch: pytest.MonkeyPat
         ("path", 8, 2, 1, Routing.MERGE),
         ("photons", 8, 3, 2, Routing.FORWARD),
         ("lamps", 8, 3, 2, Routing.MERGE),
+        ("caustics", 1, 1, 3, Routing.FORWARD),
+        ("caustics", 8, 3, 2, Routing.MERGE),
+        ("caustics", 4, 2, 1, Routing.FORWARD),
     ],
 )
 def test_cells_threads_and_routings_change_no_bit(
@@ -65,16 +72,17 @@ def test_cells_threads_and_routings_change_no_bit(
     assert same_bits(image, reference_of(case))
 
 
-@pytest.mark.parametrize("case", ["path", "lamps"])
+@pytest.mark.parametrize("case", ["path", "lamps", "caustics"])
 def test_processes_change_no_bit(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", 0)
     assert same_bits(render_in_process(*CASES[case], workers=1, threads=2), reference_of(case))
 
 
 @pytest.mark.own_kernels
-def test_few_effects_give_the_same_bits() -> None:
-    scene, settings = CASES["path"]
-    assert same_bits(alone(scene, replace(settings, all_effects=False)), reference_of("path"))
+@pytest.mark.parametrize("case", ["path", "caustics"])
+def test_few_effects_give_the_same_bits(case: str) -> None:
+    scene, settings = CASES[case]
+    assert same_bits(alone(scene, replace(settings, all_effects=False)), reference_of(case))
 
 
 def test_passes_change_no_bit_on_any_cluster() -> None:
@@ -87,4 +95,5 @@ def test_passes_change_no_bit_on_any_cluster() -> None:
 @pytest.mark.sockets
 def test_slaves_over_sockets_give_the_same_bits() -> None:
     with wdpm.Cluster.local(slaves=2) as cluster:
-        assert same_bits(cluster.render(*CASES["path"]), reference_of("path"))
+        for case in ("path", "caustics"):
+            assert same_bits(cluster.render(*CASES[case]), reference_of(case)), case

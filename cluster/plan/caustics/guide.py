@@ -1,0 +1,237 @@
+"""Where paths are to go on from diffuse surfaces to find caustics, and whether that is worth it.
+
+Path tracing finds a caustic by going, from a diffuse surface, where something glossy leads to a lamp. Of a small bright
+lamp in a metal that is nearly a mirror, or in glass, that hardly ever happens, and then it is a firefly. A few hundred
+photons tell, of each region of space, where caustics come from: each becomes a lobe of directions (kernels.photons.
+lobes), and a part of the rays that go on is drawn from the lobes (kernels.camera.caustic_guide).
+
+It is on where it leaves clearly less of the second moment of what rays that go on bring: photons taught, and others
+tried. Where caustics are dim, or as wide as all other light, other light would only get noisier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays
+from wdpm.cluster.guide import NO_CAUSTIC_GUIDE, CausticGuide
+from wdpm.cluster.plan.caustics.flight import CausticPhotons, caustic_photons, other_photons
+from wdpm.cluster.plan.effects import has_caustics
+from wdpm.cluster.plan.photon_pilot import PhotonPilot
+from wdpm.cluster.plan.pilot_gathers import AmongPhotons
+from wdpm.cluster.plan.regions import Regions, divide
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.world import View
+from wdpm.kernels.camera import caustic_guide
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photons.lobes import TOLD, WIDER, fit_lobes
+from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.used_media import calls_for_media
+
+Values = NDArray[np.float64]
+
+LOBES_A_REGION = 48
+"""Least lobes of a region; it has less than twice as many. All are asked for the density of a direction, and fewer
+photons would tell less of each other's lobes."""
+
+WORTH = 0.75
+"""Second moment with a guide over that without, above which it is not worth its time."""
+
+LEAST_EDGES = 3
+"""Of a path that a guide is of use for: to a diffuse surface, to what mirrors a lamp, to the lamp."""
+
+
+@dataclass(frozen=True, eq=False)
+class CausticsLearnt:
+    """A guide, and what it is expected to bring.
+
+    Attributes:
+        guide: NO_CAUSTIC_GUIDE where it would not pay, or nothing was to be learnt.
+        left: second moment with it over that without; 1 where none was tried.
+    """
+
+    guide: CausticGuide = NO_CAUSTIC_GUIDE
+    left: float = 1.0
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What was chosen, for people; nothing where there was no choice."""
+        if len(self.guide):
+            return (
+                f"paths go on to where caustics come from, by {len(self.guide.rim):,} lobes in {len(self.guide):,} "
+                f"regions, which leaves {self.left:.2f} of the second moment of what they find",
+            )
+        if self.left < 1.0:
+            return (f"paths not guided to caustics, which would leave {self.left:.2f} of the second moment",)
+        return ()
+
+
+NO_CAUSTICS_LEARNT = CausticsLearnt()
+
+
+def learn_caustics(flat: FlatScene, settings: RenderSettings, view: View, pilot: PhotonPilot) -> CausticsLearnt:
+    """Fly photons, and learn from them, if paths are to find caustics.
+
+    Scenes with media have none: a lobe would lead through fog that it knows nothing of.
+
+    Args:
+        pilot: whose worker has the whole scene in one cell, and flies them.
+    """
+    if view.diffuse_light != DiffuseLight.PATHS or not has_caustics(flat, pilot.world.features):
+        return NO_CAUSTICS_LEARNT
+    if calls_for_media(flat) or (view.max_depth is not None and view.max_depth < LEAST_EDGES):
+        return NO_CAUSTICS_LEARNT
+    photons = caustic_photons(flat, settings, pilot)
+    if photons is None:
+        return NO_CAUSTICS_LEARNT
+    light = _light_at(photons, pilot)
+    left = _moment(photons, light, pilot.cell.replica.launcher)
+    if not left <= WORTH:
+        return CausticsLearnt(left=left)
+    return CausticsLearnt(guide_of(photons, light, pilot.cell.replica.launcher), left)
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """Irradiance where photons landed [W/m²], mean of RGB, shape [photons] each.
+
+    Attributes:
+        caustics: by all caustics of lamps with an extent.
+        others: by way of diffuse surfaces.
+        lamps: straight from lamps.
+    """
+
+    caustics: Values
+    others: Values
+    lamps: Values
+
+    def take(self, rows: NDArray[np.intp]) -> _Light:
+        """At some of them."""
+        return _Light(self.caustics[rows], self.others[rows], self.lamps[rows])
+
+
+def _light_at(photons: CausticPhotons, pilot: PhotonPilot) -> _Light:
+    """The light where photons landed."""
+    others, direct = other_photons(pilot)
+
+    def irradiance(among: Arrays) -> Values:
+        if not len(among["id"]):
+            return np.zeros(len(photons))
+        found, _ = AmongPhotons(pilot.cell, among).gather(photons.position, photons.normal, pilot.world.extent)
+        return found.astype(np.float64)
+
+    return _Light(
+        irradiance(photons.as_arrays()),
+        irradiance({name: column[~direct] for name, column in others.items()}),
+        irradiance({name: column[direct] for name, column in others.items()}),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lobes:
+    """Lobes of photons, in the order of their regions.
+
+    Attributes:
+        photon: of each lobe, int64, shape [lobes].
+        region: likewise.
+        radiance: that the photon came with, about, as those that came alike tell.
+    """
+
+    photon: NDArray[np.intp]
+    region: NDArray[np.int64]
+    target: NDArray[np.float32]
+    rim: NDArray[np.float32]
+    radiance: Values
+
+
+def _fitted(photons: CausticPhotons, light: _Light, regions: Regions, launcher: Launcher) -> _Lobes:
+    """A lobe for each photon. Of so many in its region TOLD came from within its lobe's own width: from as bright."""
+    region = regions.of(photons.position)
+    order = np.argsort(region, kind="stable")
+    photons, region = photons.take(order), region[order]
+    count = np.bincount(region, minlength=len(regions.axis) + 1)
+    first = np.concatenate([[0], np.cumsum(count)])
+    device = launcher.device
+    target, rim = (wp.empty(len(photons), dtype=kind, device=device) for kind in (wp.vec3, wp.float32))
+    numbers = {"light": photons.light, "first": first.astype(np.int32), "region": region.astype(np.int32)}
+    launcher(
+        fit_lobes,
+        len(photons),
+        position=wp.array(photons.position, dtype=wp.vec3, device=device),
+        direction=wp.array(photons.direction, dtype=wp.vec3, device=device),
+        **{name: wp.array(column, dtype=wp.int32, device=device) for name, column in numbers.items()},
+        near=wp.array(photons.near, dtype=wp.float32, device=device),
+        far=wp.array(photons.far, dtype=wp.float32, device=device),
+        target_out=target,
+        rim_out=rim,
+    )
+    width = rim.numpy()
+    solid = 2.0 * np.pi * width.astype(np.float64) / float(WIDER)
+    radiance = light.caustics[order] * (float(TOLD) / count[region]) / (solid * photons.cosine)
+    return _Lobes(order, region, target.numpy(), width, radiance)
+
+
+def guide_of(photons: CausticPhotons, light: _Light, launcher: Launcher) -> CausticGuide:
+    """Lobes for what is brighter than all that rays which go on by the cosine find on the mean: they find the rest."""
+    regions = divide(photons.position, LOBES_A_REGION)
+    lobes = _fitted(photons, light, regions, launcher)
+    mean = (light.caustics + light.others)[lobes.photon] / np.pi
+    use = np.maximum(1.0 - np.divide(mean, lobes.radiance, out=np.ones(len(mean)), where=lobes.radiance > mean), 0.0)
+    weight, kept = photons.flux[lobes.photon] * use, np.flatnonzero(use > 0)
+    nodes = len(regions.axis) + 1
+    whole = np.bincount(lobes.region, weight, nodes)
+    count = np.bincount(lobes.region[kept], minlength=nodes)
+    return CausticGuide(
+        regions.axis,
+        regions.split,
+        np.concatenate([[0], np.cumsum(count)]).astype(np.int32),
+        lobes.target[kept],
+        lobes.rim[kept],
+        (weight[kept] / whole[lobes.region[kept]]).astype(np.float32),
+    )
+
+
+def _moment(photons: CausticPhotons, light: _Light, launcher: Launcher) -> float:
+    """Second moment of what rays that go on bring, with what every other photon teaches over that without.
+
+    The rest of the photons try it. Each came with a radiance, and stands for the area that its flux lights. Places
+    count by the relative error of what they show, dark ones for less.
+    """
+    lobes = _fitted(photons, light, divide(photons.position, LOBES_A_REGION), launcher)
+    radiance = np.empty(len(photons))
+    radiance[lobes.photon] = lobes.radiance
+    teaching, trying = np.arange(0, len(photons), 2), np.arange(1, len(photons), 2)
+    known = guide_of(photons.take(teaching), light.take(teaching), launcher)
+    tried, seen, radiance = photons.take(trying), light.take(trying), radiance[trying]
+    guided, cosine = float(caustic_guide.GUIDED), tried.cosine
+    by_lobes = _densities(known, tried, launcher)
+    # Where a region has no lobes all go on by the cosine.
+    part = np.where(by_lobes < 0, 0.0, guided)
+    both = (1.0 - part) * cosine / np.pi + part * np.maximum(by_lobes, 0.0)
+    without = seen.others**2 + seen.caustics * radiance * np.pi
+    with_guide = seen.others**2 / (1.0 - part) + seen.caustics * radiance * cosine / both
+    area = np.divide(tried.flux, seen.caustics, out=np.zeros(len(tried)), where=seen.caustics > 0)
+    square = (seen.caustics + seen.others + seen.lamps) ** 2
+    weight = np.divide(area, square + square.mean(), out=np.zeros(len(tried)), where=square + square.mean() > 0)
+    whole = float(weight @ without)
+    return float(weight @ with_guide) / whole if whole > 0 else 1.0
+
+
+def _densities(guide: CausticGuide, tried: CausticPhotons, launcher: Launcher) -> Values:
+    """With which a guide makes the directions that photons came from; -1 where a region has no lobes."""
+    device = launcher.device
+    pdf = wp.empty(len(tried), dtype=wp.float32, device=device)
+    launcher(
+        caustic_guide.guided_pdfs,
+        len(tried),
+        guide=caustic_guide.upload(**vars(guide), device=device),
+        position=wp.array(tried.position, dtype=wp.vec3, device=device),
+        direction=wp.array(tried.direction, dtype=wp.vec3, device=device),
+        pdf_out=pdf,
+    )
+    return np.asarray(pdf.numpy().astype(np.float64))
