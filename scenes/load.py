@@ -147,6 +147,8 @@ def find(source: str | PathLike[str]) -> Path | None:
         return None
     file = Path(source)
     if not file.exists():
+        if str(source).partition(":")[0] in BUILT_IN_NAMES:
+            raise SceneError("no such file; a built-in scene is asked for by a str of its name, not by a path", file)
         hint = did_you_mean(str(source), BUILT_IN_NAMES) or f" (built in: {', '.join(BUILT_IN_NAMES)})"
         raise SceneError(f"no such file, nor a built-in scene{hint}", file)
     if not file.is_file() or file.suffix.lower() not in _EXTENSIONS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from collections.abc import Callable
@@ -50,6 +51,14 @@ def test_a_table_has_the_same_cells_on_the_terminal_and_in_markdown() -> None:
     grid.print(console)
     words = console.export_text().split()
     assert words == ["a", "|", "b", "what", "how", "much", "[red]", "1.5", "a|b", "2", "a", "note"]
+
+
+def test_no_word_of_a_table_is_broken_in_a_narrow_terminal() -> None:
+    stream = io.StringIO()
+    columns = ("scene", *(f"efficiency {number}" for number in range(9)))
+    Grid("", columns, (("box", *["100,000 KB"] * 9),)).print(Console(file=stream, width=40))
+    lines = [line for line in stream.getvalue().splitlines() if line.strip()]
+    assert [line.split() for line in lines] == [" ".join(columns).split(), ["box", *["100,000", "KB"] * 9]]
 
 
 def test_a_table_wants_full_rows() -> None:
@@ -268,6 +277,7 @@ def test_options_of_the_papers_table_reach_the_renders(
         ["bench", "paper", "--slaves", ""],
         ["bench", "paper", "--routing", "scenic"],
         ["bench", "peers"],
+        ["bench", "predict", "cornell-box"],
         ["bench", "peers", "a.xml", "--rounds", "0"],
         ["bench", "effects", "--plot", "figures.png"],
         ["bench", "kernels", "--json", "figures.txt"],

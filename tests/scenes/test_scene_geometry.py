@@ -172,6 +172,8 @@ def test_names_of_built_in_scenes() -> None:
 def test_files_that_are_no_scenes(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match='did you mean "cornell-box"'):
         load("cornel-box")
+    with pytest.raises(SceneError, match="a built-in scene is asked for by a str of its name, not by a path"):
+        load(Path("cornell-box"))
     with pytest.raises(SceneError, match="no such file"):
         load(tmp_path / "nothing.xml")
     (tmp_path / "a.txt").write_text("")

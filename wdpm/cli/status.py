@@ -11,9 +11,6 @@ from typing import TYPE_CHECKING, Any
 from wdpm import values
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from wdpm.cluster.messages.protocol import SlaveStatus, StatusReport
 
 _EXAMPLES = """\
@@ -73,6 +70,8 @@ def print_status(report: StatusReport) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from wdpm.report.tables import print_whole
+
     left = seconds_left(report)
     share = f" {report.done:,} of {report.units:,} ({report.done / report.units:.0%})" if report.units else ""
     time = "" if left is None else f", about {left:.0f} s left of it"
@@ -110,14 +109,7 @@ def print_status(report: StatusReport) -> None:
         who = (str(slave.number), slave.host, str(slave.process), str(slave.threads))
         now, *load = _now(slave)
         table.add_row(*who, _size(slave.memory), now, peak, *load, team, *counts, each, f"{slave.silent_s:.1f} s")
-    _print_whole(table, Console())
-
-
-def _print_whole(table: Table, console: Console) -> None:
-    """A line that a narrow terminal breaks can be read; columns of two letters cannot, nor what goes into a file."""
-    needed = console.measure(table, options=console.options.update(width=1000)).maximum
-    console.width = max(console.width, needed)
-    console.print(table, markup=False)
+    print_whole(table, Console())
 
 
 def _now(slave: SlaveStatus) -> tuple[str, ...]:

@@ -35,19 +35,21 @@ class Grid:
                 raise ValueError(f"a row of {len(row)} cells in a table of {len(self.columns)} columns: {row}")
 
     def print(self, console: Console) -> None:
-        """For people; where the terminal is too narrow cells are folded, and nothing is cut off."""
+        """For people; nothing is cut off where a terminal, or a file, is narrow."""
         from rich.markup import escape
         from rich.table import Table
+
+        from wdpm.report.tables import print_whole
 
         # Not the table's own title, which would be folded to the table's width.
         console.print(f"\n[bold]{escape(self.title)}[/]", highlight=False)
         table = Table(box=None, padding=(0, 2, 0, 0))
-        table.add_column(self.columns[0], overflow="fold")
+        table.add_column(self.columns[0])
         for column in self.columns[1:]:
-            table.add_column(escape(column), justify="right", overflow="fold")
+            table.add_column(escape(column), justify="right")
         for row in self.rows:
             table.add_row(*map(escape, row))
-        console.print(table)
+        print_whole(table, console)
         for note in self.notes:
             console.print(note, markup=False, highlight=False)
 

@@ -28,6 +28,17 @@ LIGHTS_SHOWN = 12
 _BYTE_UNITS = ("B", "KB", "MB", "GB", "TB")
 
 
+def print_whole(table: Table, console: Console) -> None:
+    """Print a table with no heading or figure cut or broken, however narrow a terminal is, or a file that has no width.
+
+    A terminal breaks lines that are too long for it, and these can be read; columns of two letters cannot.
+    """
+    needed = console.measure(table, options=console.options.update(width=1000)).maximum
+    before, console.width = console.width, max(console.width, needed)
+    console.print(table)
+    console.width = before
+
+
 def print_report(report: Report, console: Console) -> None:
     """Print all that the report holds; what is empty is left out."""
     for table in report_tables(report):

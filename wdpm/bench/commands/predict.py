@@ -9,6 +9,8 @@ from wdpm.bench.commands.arguments import add_counts, add_rows, add_threads, fin
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
+from wdpm.scenes.builtin.names import BUILT_IN_NAMES
+from wdpm.scenes.errors import SettingsError
 
 _DESCRIPTION = """\
 Render scenes with --until-error, and compare its estimates with the truth: the
@@ -48,6 +50,9 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     """What --until-error predicts and estimates, against the truth."""
     from wdpm.bench import predict as bench_predict
 
+    for scene in args.scenes:
+        if str(scene).partition(":")[0] in BUILT_IN_NAMES:
+            raise SettingsError(f"{scene} is built in; expected files with a reference.exr beside them")
     find_all(args.scenes)
     rows = rows_of(args)
     with backends(0) as backend:
