@@ -69,8 +69,11 @@ def address_for_master() -> Iterator[str | None]:
 
     That is on Windows, whose folders have no owner and mode in this sense, and where paths of temporary files are too
     long, or have letters that no endpoint has (messages.checks).
+
+    Raises:
+        SettingsError: no folder can be made where temporary files go.
     """
-    folder = Path(tempfile.mkdtemp(prefix="wdpm-")) if os.name == "posix" else None
+    folder = _new_folder() if os.name == "posix" else None
     try:
         address = f"{SCHEME}{folder}/{MASTER}"
         fits = folder is not None and len(os.fsencode(folder)) + 2 + 2 * _NAME_BYTES <= LONGEST
@@ -78,6 +81,16 @@ def address_for_master() -> Iterator[str | None]:
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _new_folder() -> Path:
+    try:
+        return Path(tempfile.mkdtemp(prefix="wdpm-"))
+    except OSError as error:
+        raise SettingsError(
+            f"no folder for the sockets of slaves can be made ({error.strerror}); set TMPDIR to a folder that you can "
+            "write to"
+        ) from None
 
 
 def shared_with(address: str) -> HostShare | None:

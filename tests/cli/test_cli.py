@@ -358,6 +358,24 @@ def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     assert load(kept).shape == (2, 3)
 
 
+def test_an_image_that_nowhere_takes_is_one_line(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from wdpm.rendering import passes
+
+    def render(*arguments: Any, **options: Any) -> Image:
+        Path("out").rmdir()
+        monkeypatch.setattr(tempfile, "tempdir", str(Path("gone").resolve()))
+        return renderer.render(*arguments, **options)
+
+    Path("out").mkdir()
+    monkeypatch.setattr(passes, "render_in_passes", render)
+    assert exit_code(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("wdpm: error: out/a.png: cannot be written: no such file")
+    assert err.count("\n") == 1
+
+
 def test_a_full_disk_is_found_before_the_render(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -429,3 +430,10 @@ def test_an_exr_file_has_the_same_bytes_however_many_threads_compress_it(tmp_pat
     for threads, file in zip((1, 2, 7), files, strict=True):
         image.save(file, threads=threads)
     assert len({file.read_bytes() for file in files}) == 1
+
+
+def test_a_folder_for_temporary_files_that_is_gone_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    Image({"beauty": np.ones((2, 3, 3), np.float32)}).save(tmp_path / "a.exr")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    with pytest.raises(ImageError, match=r"no temporary file can be written \(No such file or directory\); set TMPDIR"):
+        load(tmp_path / "a.exr")

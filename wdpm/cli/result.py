@@ -143,7 +143,10 @@ def _kept_elsewhere(image: Image, path: Path, error: ImageError) -> ImageError:
     """
     if not isinstance(error, NotWrittenError):
         return error
-    folder = Path(tempfile.mkdtemp(prefix="wdpm-"))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="wdpm-"))
+    except OSError:  # no room there either, or it has gone
+        return error
     kept = folder / f"{path.stem}.exr"
     try:
         image.save(kept)

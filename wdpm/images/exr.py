@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import Imath  # type: ignore[import-untyped]
 import numpy as np
@@ -153,8 +153,8 @@ def _diverted_stderr() -> Iterator[Any]:
     The library writes to file descriptor 2 itself and raises an exception that says less. Yields a function that
     returns the first line it printed, or nothing.
     """
-    saved = os.dup(2)
-    with tempfile.TemporaryFile() as caught:
+    with _temporary_file() as caught:
+        saved = os.dup(2)
 
         def first_line() -> str:
             caught.seek(0)
@@ -167,3 +167,12 @@ def _diverted_stderr() -> Iterator[Any]:
         finally:
             os.dup2(saved, 2)
             os.close(saved)
+
+
+def _temporary_file() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile()
+    except OSError as error:
+        raise ImageError(
+            f"no temporary file can be written ({error.strerror}); set TMPDIR to a folder that you can write to"
+        ) from None

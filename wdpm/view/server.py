@@ -238,7 +238,10 @@ def _exr_of(picture: Picture) -> bytes:
     """What is shown now, as a file. Raises ImageError if there is nothing yet."""
     layers = {name: layer.copy() for name, layer in picture.layers.items()}
     image = Image(layers, {"unfinished": f"saved from the view; {picture.spp} samples a pixel are complete"})
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "now.exr")
-        image.save(path)
-        return path.read_bytes()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "now.exr")
+            image.save(path)
+            return path.read_bytes()
+    except OSError as error:
+        raise ImageError(f"no file can be written where temporary ones go: {error.strerror}") from None

@@ -62,6 +62,12 @@ def test_the_folder_of_a_master_is_its_owners_alone_and_is_removed() -> None:
     assert not made.exists()
 
 
+def test_a_folder_for_temporary_files_that_is_gone_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/no/such/folder")
+    with pytest.raises(SettingsError, match=r"\(No such file or directory\); set TMPDIR to a folder that"):
+        wdpm.Cluster.local(slaves=1)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
