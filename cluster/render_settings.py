@@ -25,10 +25,6 @@ EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 MOST_SHADOW_RAYS = max(integrator.algorithm.shadow_rays for integrator in Integrator)
 """Of a camera sample, where nobody says how many."""
 
-BEYOND_FIRST = 4
-"""So many times the samples of the first pass the others are thought to have, where those of each are given: a time is
-filled so, and how many they will be nobody knows when the render is planned."""
-
 CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict", "instances")
 """Settings that change no bit of an image."""
 
@@ -58,6 +54,8 @@ class RenderSettings:
         passes: renders of the same scene, each with its own photons, a share of the samples, and a smaller gather
             radius than the one before; the image is their mean. Numbers of photons are those of each pass.
         pass_samples: of a pixel in each of the passes; spp is their sum. Empty where it is spread evenly.
+        plan_samples: of a pixel, of a pass that integrator, numbers of photons and the like are chosen for; None for as
+            many as a pass has on average.
         adaptive: from the third pass on, more samples where the passes before show more error, and fewer elsewhere;
             spp stays the average.
         seed: of all random numbers.
@@ -89,6 +87,7 @@ class RenderSettings:
     max_depth: int | None = None
     passes: int = 1
     pass_samples: tuple[int, ...] = ()
+    plan_samples: int | None = None
     adaptive: bool = False
     seed: int = 0
     bucket: int | None = None
@@ -117,7 +116,7 @@ class RenderSettings:
     @property
     def samples_of_pass(self) -> int:
         """Samples a pixel of one pass: they decide what is worth while, and what goes on with more passes as before."""
-        return BEYOND_FIRST * self.pass_samples[0] if self.pass_samples else -(-self.spp // self.passes)
+        return self.plan_samples or -(-self.spp // self.passes)
 
     @property
     def final_gathers(self) -> bool:
@@ -197,7 +196,8 @@ class RenderSettings:
             "passes",
             "seed",
         )
-        chosen = [name for name in ("bucket", "light_samples", "max_depth") if getattr(self, name) is not None]
+        optional = ("bucket", "light_samples", "max_depth", "plan_samples")
+        chosen = [name for name in optional if getattr(self, name) is not None]
         for name in (*whole, *chosen):
             self._set_plain(name, operator.index, "a whole number")
         self._set_plain("band", _number, "a number")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from wdpm.accuracy.predict import Predictions
+from wdpm.accuracy.predict import Foretold, Predictions
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.goal.goal import Metric
@@ -44,7 +44,7 @@ def test_predictions_of_path_tracing_show_no_photons(integrator: Integrator, pho
     settings = RenderSettings(integrator=integrator)
     schedule = Schedule(settings, Trial(settings, 0.0, 1.0, 1.0, 0.1, 0.1, 0.0), 2.0, 0.1, 0.1)
     text = io.StringIO()
-    Predictions(Metric.RELMSE, {0.1: schedule}, 1.0, 1.0).print(Console(file=text, width=120))
+    Predictions(Metric.RELMSE, {0.1: Foretold.of(schedule)}, 1.0, 1.0).print(Console(file=text, width=120))
     row = text.getvalue().splitlines()[1]
     assert photons in row
     assert ("250,000" in row) == (photons != "none")

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 import wdpm
 from wdpm.cli.main import main
 from wdpm.cluster.allotment import Allotment
-from wdpm.cluster.render_settings import BEYOND_FIRST, RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.goal.default_passes import MOST_OF_FIRST, DefaultPasses
 from wdpm.goal.goal import Goal, Metric
-from wdpm.goal.in_time import MOST_OF_FIRST, TimedRender
+from wdpm.goal.in_time import BEYOND_FIRST, FIRST_SHARE, TimedRender
 from wdpm.goal.outcome import Ending
 from wdpm.goal.pass_costs import PassCosts
 from wdpm.goal.render import _render_in_time
@@ -69,19 +70,20 @@ class Rendering:
 
         monkeypatch.setattr(PassRenderer, "render", timed)
         monkeypatch.setattr(InProcess, "prepare", counted)
-        monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 1.0)  # whatever else the machine does
+        monkeypatch.setattr("wdpm.goal.default_passes.idle_share", lambda: 1.0)  # whatever else the machine does
 
     def of(self, scene: Scene, budget: float, backend: Backend | None = None, **chosen: Any) -> TimedRender:
         """What fills a time."""
         end = self.now + budget
         work = Workplace(backend or InProcess(threads=2), SilentProgress(), lambda: self.now)
-        return TimedRender(scene, RenderSettings(**chosen), work, Metric.RELMSE, lambda: end - self.now)
+        settings = RenderSettings(**chosen)
+        return TimedRender(DefaultPasses(scene, settings, work, Metric.RELMSE, lambda: end - self.now))
 
 
 def rendered(timed: TimedRender) -> Image:
     timed.begin()
     timed.finish()
-    return timed.average.image()
+    return timed.passes.average.image()
 
 
 @pytest.mark.parametrize("what", ["room", "mirrored"])
@@ -105,7 +107,7 @@ def test_settings_of_the_image_repeat_it_to_the_bit(
     monkeypatch.undo()
     settings = image.metadata["settings"]
     assert len(settings["pass_samples"]) > 1
-    samples = {name: settings[name] for name in ("spp", "passes", "pass_samples")}
+    samples = {name: settings[name] for name in ("spp", "passes", "pass_samples", "plan_samples")}
     again = wdpm.render(mirrored, RenderSettings(**samples, **chosen, seed=4), threads=1)
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
 
@@ -128,16 +130,16 @@ def test_the_first_pass_is_a_part_of_the_time(
     """By the pixels, the cores, and what a sample is likely to take."""
     scene = replace(room, camera=replace(room.camera, width=side, height=side))
     timed = Rendering(0.2, 0.05, monkeypatch).of(scene, seconds)
-    assert timed._samples_of_first() == samples
-    monkeypatch.setattr("wdpm.goal.in_time.idle_share", lambda: 0.25)
-    assert timed._samples_of_first() in (1, samples // 4, MOST_OF_FIRST), "a busy machine takes longer"
+    assert timed.passes.samples_of_first(FIRST_SHARE) == samples
+    monkeypatch.setattr("wdpm.goal.default_passes.idle_share", lambda: 0.25)
+    assert timed.passes.samples_of_first(FIRST_SHARE) in (1, samples // 4, MOST_OF_FIRST), "a busy machine takes longer"
 
 
 def test_many_triangles_leave_less_of_the_time(room: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Rendering(0.2, 0.05, monkeypatch)
     large = replace(room, camera=replace(room.camera, width=256, height=256))
     many = replace(large, meshes=room.meshes * 62_500)  # two million
-    few, found = (clock.of(scene, 20.0)._samples_of_first() for scene in (large, many))
+    few, found = (clock.of(scene, 20.0).passes.samples_of_first(FIRST_SHARE) for scene in (large, many))
     assert 1 <= found < few
 
 
@@ -165,7 +167,7 @@ def test_a_time_of_one_pass_is_repeated_to_the_bit(room: Scene, monkeypatch: pyt
     large = replace(room, camera=replace(room.camera, width=96, height=96))
     image = rendered(Rendering(0.2, 0.05, monkeypatch).of(large, 0.3))
     monkeypatch.undo()
-    samples = {name: image.metadata["settings"][name] for name in ("spp", "passes", "pass_samples")}
+    samples = {name: image.metadata["settings"][name] for name in ("spp", "passes", "pass_samples", "plan_samples")}
     assert samples["passes"] == 1
     assert image.layers["beauty"].tobytes() == wdpm.render(large, **samples).layers["beauty"].tobytes()
 

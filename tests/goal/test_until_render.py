@@ -23,8 +23,9 @@ from wdpm.goal.convergence import MOST_BIAS, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, Found, Times, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
-from wdpm.goal.render import Interrupted, promise, render_until
+from wdpm.goal.render import Interrupted, render_until
 from wdpm.goal.schedule import Schedule, schedule_of
+from wdpm.goal.searched import promise
 from wdpm.goal.trial import IMAGE_PLANS, MARGIN, UNKNOWN_SHARE, Trial, try_out
 from wdpm.goal.trial_pilot import LONG_S, TrialPilot
 from wdpm.goal.workplace import Workplace
@@ -43,6 +44,9 @@ from wdpm.scenes.model.scene import Scene
 SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
 FEW = {"photons": 20_000, "caustic_photons": 0, "volume_photons": 0}
 FEW_OPTIONS = ["--photons", "20000"]
+SEARCHED = {"integrator": "photons"}
+SEARCHED_OPTIONS = ["--integrator", "photons"]
+"""Who chooses the integrator has settings searched for."""
 TIMES = Times(1.0, 1.0, 1.0, 0.0)
 FINE = 0.0001
 """An error that no schedule reaches in four passes: each has 64 samples at most, and times of a busy machine may choose
@@ -103,7 +107,7 @@ def test_the_image_is_within_the_error(
     photons: float, several: bool, scene: Scene, truth: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = Costs(photons, 0.02, monkeypatch)
-    image = render_until(scene, Goal(0.02), InProcess(threads=2), clock=clock, seed=2, **FEW)
+    image = render_until(scene, Goal(0.02), InProcess(threads=2), clock=clock, seed=2, **SEARCHED, **FEW)
     monkeypatch.undo()
     if (max(image.metadata["asked"]["pass_samples"]) > 1) != several:
         pytest.fail("another schedule was chosen than the one that this is about")
@@ -203,7 +207,7 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
 def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wdpm.goal.schedule.MOST_PASSES", 8)
     monkeypatch.setattr("wdpm.goal.reference_pair.MOST_SPP", 8)
-    image = render_until(scene, Goal(1e-6), InProcess(threads=2), indirect=Indirect.MAP, **FEW)
+    image = render_until(scene, Goal(1e-6), InProcess(threads=2), indirect=Indirect.MAP, **SEARCHED, **FEW)
     asked = image.metadata["asked"]
     assert not asked["reached"]
     assert asked["ending"] == "done"
@@ -297,7 +301,7 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyPatch) -> None:
     with pytest.raises(Interrupted) as caught:
-        render_until(scene, Goal(FINE), InProcess(threads=2), **FEW)
+        render_until(scene, Goal(FINE), InProcess(threads=2), **SEARCHED, **FEW)
     image = caught.value.image
     asked = image.metadata["asked"]
     assert asked["ending"] == "interrupted"
@@ -313,7 +317,7 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyP
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "asked.exr"
-    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 130
+    assert main(["render", *SMALL, *FEW_OPTIONS, *SEARCHED_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 130
     assert load_image(file).metadata["settings"]["passes"] == 3
     said = capsys.readouterr()
     assert "INTERRUPTED: the image is the best so far" in said.out
@@ -332,7 +336,7 @@ def test_a_lost_cluster_hands_over_the_image_so_far(
 
     monkeypatch.setattr(PassRenderer, "render", abandoned)
     file = tmp_path / "asked.exr"
-    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 1
+    assert main(["render", *SMALL, *FEW_OPTIONS, *SEARCHED_OPTIONS, "--until-error", str(FINE), "-o", str(file)]) == 1
     asked = load_image(file).metadata["asked"]
     assert (asked["ending"], len(asked["pass_samples"])) == ("slaves lost", 3)
     said = capsys.readouterr()
@@ -394,7 +398,7 @@ def test_slaves_render_the_same_image(scene: Scene) -> None:
 
 def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
     found = predict(scene, Workplace(InProcess(threads=2), SilentProgress()), targets=(0.5, 0.3), **FEW)
-    large, small = found.schedules[0.5], found.schedules[0.3]
+    large, small = found.foretold[0.5], found.foretold[0.3]
     assert large is not None
     assert small is not None
     assert large.seconds <= small.seconds

@@ -91,7 +91,7 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     if not args.quiet:
         for line in outcome["lines"]:
             print(line)
-        again = settings if goal.error is not None else asked_again(chosen, settings)
+        again = asked_again(chosen, settings) if settings["pass_samples"] else settings
         print(f"to repeat it to the bit: {command(args, again)}")
     elif not outcome["reached"]:
         print(f"wdpm: {outcome['lines'][-1]}", file=sys.stderr)
@@ -109,7 +109,11 @@ def asked_again(chosen: dict[str, Any], settings: dict[str, Any]) -> dict[str, A
     """
     plain = asdict(RenderSettings(**chosen))
     plain = {name: value.value if isinstance(value, Enum) else value for name, value in plain.items()}
-    return settings | plain | {name: settings[name] for name in ("spp", "passes", "pass_samples", "max_depth")}
+    return (
+        settings
+        | plain
+        | {name: settings[name] for name in ("spp", "passes", "pass_samples", "plan_samples", "max_depth")}
+    )
 
 
 def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:

@@ -122,6 +122,14 @@ SETTING_OPTIONS = (
         default="spread evenly",
     ),
     SettingOption(
+        "plan_samples",
+        _QUALITY,
+        "choose integrator, numbers of photons and the like for passes of so many samples a pixel, whatever they have",
+        values.positive_count,
+        "N",
+        default="as many as a pass has on average",
+    ),
+    SettingOption(
         "adaptive",
         _QUALITY,
         "from the third pass on, take more samples where the passes before show more error, and fewer elsewhere; --spp "

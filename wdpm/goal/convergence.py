@@ -86,12 +86,19 @@ class ConvergenceEstimator:
         metric: that the error is measured with.
         biased: whether light comes from photon maps.
         reference: to measure bias with; None for the passes' radii alone.
+        most_bias: relMSE of it, where neither tells.
     """
 
     def __init__(
-        self, shape: tuple[int, ...], metric: Metric, biased: bool, reference: ReferencePair | None = None
+        self,
+        shape: tuple[int, ...],
+        metric: Metric,
+        biased: bool,
+        reference: ReferencePair | None = None,
+        most_bias: float = MOST_BIAS,
     ) -> None:
         self.metric = metric
+        self._most_bias = most_bias
         self._biased = biased
         self._reference = reference if biased else None
         self._halves: list[Values] = [np.zeros(shape), np.zeros(shape)]
@@ -194,14 +201,14 @@ class ConvergenceEstimator:
     def _bias_by_radius(self, where: NDArray[np.bool_], mean: Values) -> ErrorFigure:
         alone = self._reference is None and self.metric.is_relative
         if not self._by_radius.known:
-            return ErrorFigure(0.0, 0.0, MOST_BIAS if alone else 0.0)
+            return ErrorFigure(0.0, 0.0, self._most_bias if alone else 0.0)
         weight = self.metric.weight(mean) * where[..., np.newaxis]
         figure = bias_figure(self._by_radius.squared_bias() * weight)
         narrower = ONE_SIDED / NORMAL_QUANTILE  # from an interval of 95 % to one of 80 %
         low, high = figure.value - figure.low, figure.high - figure.value
         upper = figure.value + narrower * high
         if alone:
-            upper = min(upper, max(figure.value, MOST_BIAS))
+            upper = min(upper, max(figure.value, self._most_bias))
         return ErrorFigure(figure.value, figure.value - narrower * low, upper)
 
 

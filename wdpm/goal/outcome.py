@@ -13,6 +13,7 @@ from wdpm.goal.schedule import Schedule
 from wdpm.images.comparison import RELATIVE_FLOOR
 from wdpm.rendering.pass_plan import passes_in_words
 from wdpm.report.report import ErrorFigure
+from wdpm.scenes.errors import ClusterError
 
 DARK_STOPS = 3.0
 """More than so many stops too dark, most of a picture's radiance squared is below what relMSE adds to it."""
@@ -26,6 +27,11 @@ class Ending(Enum):
     OUT_OF_TIME = "out of time"
     INTERRUPTED = "interrupted"
     LOST = "slaves lost"
+
+    @classmethod
+    def of(cls, error: BaseException) -> Ending:
+        """What ends passes by such an error."""
+        return cls.LOST if isinstance(error, ClusterError) else cls.INTERRUPTED
 
 
 class Times(NamedTuple):

@@ -34,6 +34,9 @@ LEAST_SIDE = 48
 FIRST_SPP = 4
 """Of each half of the first image. With half as many, rare bright paths were missed: a dim room was thought biased."""
 
+REFERENCE_SHARE = 1 / 6
+"""Of the error asked for: the reference's own uncertainty."""
+
 MOST_SPP = 512
 """Samples of a reference's pixel. So many would be a good image already."""
 
@@ -61,6 +64,11 @@ class ReferencePair:
     def finer(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """A mask of the reference's pixels, for those of the image."""
         return np.repeat(np.repeat(mask, self.factor, axis=0), self.factor, axis=1)
+
+
+def has_reference(settings: RenderSettings) -> bool:
+    """Whether paths show the same light: they cannot leave out what comes by a photon map."""
+    return not REFERENCE.algorithm.cannot_leave_out.intersection(settings.without)
 
 
 def coarser(image: Values, factor: int) -> Values:

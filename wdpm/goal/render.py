@@ -1,7 +1,7 @@
-"""Renders until an error is reached or a time is up: a pilot, then pass after pass.
+"""Renders until an error is reached or a time is up.
 
-A time alone is filled as by default (in_time.py). Where an error is asked for, the image is that of `--passes N` with
-the settings that were chosen and with as many passes as it took, to the bit.
+What a render by default chooses has as many samples as fit into a time (in_time.py), or as an error takes
+(to_error.py). Where that will not do for an error, other settings are searched for (trial_pilot.py, searched.py).
 """
 
 from __future__ import annotations
@@ -9,42 +9,33 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.clock import Budget
-from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
+from wdpm.goal.default_passes import DefaultPasses
 from wdpm.goal.goal import Goal
 from wdpm.goal.in_time import TimedRender
-from wdpm.goal.outcome import Ending, Found, Times, outcome_of, reasons
-from wdpm.goal.schedule import Schedule
+from wdpm.goal.outcome import Found, Times, outcome_of
+from wdpm.goal.searched import render_found
 from wdpm.goal.stopped import Abandoned as Abandoned
 from wdpm.goal.stopped import Interrupted as Interrupted
 from wdpm.goal.stopped import raise_if_stopped
+from wdpm.goal.to_error import RenderToError
 from wdpm.goal.trial import Clock
-from wdpm.goal.trial_pilot import TrialPilot
+from wdpm.goal.trial_pilot import ERROR_BEYOND_BIAS, TrialPilot
 from wdpm.goal.workplace import Workplace
 from wdpm.images.image import Image
 from wdpm.images.view_transform import auto_exposure
 from wdpm.progress import Progress, SilentProgress
-from wdpm.rendering.adaptive import weight_of
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.pass_plan import PassPlan, passes_in_words, shrink
-from wdpm.rendering.pass_progress import PassProgress
-from wdpm.rendering.passes import PassAverage, PassRenderer
+from wdpm.rendering.pass_average import PassAverage
 from wdpm.rendering.prepare import Source, sound_scene_of
 from wdpm.rendering.scene_settings import settings_for
-from wdpm.scenes.errors import ClusterError, SettingsError
+from wdpm.scenes.errors import SettingsError
 
 CHOSEN_HERE = frozenset({"passes", "spp"})
 """Settings that cannot be given beside a goal."""
-
-PATIENCE = 4
-LEAST_FOR_PATIENCE = 32
-"""As many times the passes that were expected are rendered, and as many at least, before an error that the pilot held
-for possible counts as out of reach."""
-
-FIRST_CHECKS = 1.05
-"""The estimate is made after so many times the passes as the last time: it costs as much as a cheap pass does."""
 
 OUTCOME = "asked"
 """Name of the outcome in an image's metadata."""
@@ -55,9 +46,6 @@ WRITING_S_PER_PIXEL = 1.5e-6
 
 ENDING_SHARE = 0.25
 """Of what starting took, that is set aside for the end as well: a machine that is busy is busy then, too."""
-
-SLOWER = 1.1
-"""As many times the slowest pass so far, the next may take."""
 
 
 def render_until(
@@ -96,23 +84,66 @@ def render_until(
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
     work, settings = Workplace(backend, progress, clock), settings_for(scene, **chosen)
     progress.start("pilot")
+    passes = DefaultPasses(scene, settings, work, goal.metric, budget.left)
     if goal.error is None:
-        return _render_in_time(TimedRender(scene, settings, work, goal.metric, budget.left), goal)
+        return _render_in_time(TimedRender(passes), goal)
     pilot = TrialPilot(scene, settings, frozenset(chosen), work)
-    pilot.run(goal, budget.left)
-    return _render(pilot, goal, budget)
+    if not is_searched_for(goal, settings):
+        to_error = RenderToError(passes, goal, frozenset(chosen))
+        image = _render_to_error(to_error)
+        if image is not None:
+            return image
+        pilot.reference = to_error.reference
+        progress.note("what maps of photons blur by default is too much for such an error: other settings are tried")
+        passes.let_go()
+    return _render_searched(pilot, goal, budget)
+
+
+def is_searched_for(goal: Goal, settings: RenderSettings) -> bool:
+    """Whether settings for an error are searched for, in place of what a render by default chooses.
+
+    For a large error, which one sample of few photons may have; where somebody has chosen the integrator; and where
+    sampling adapts to what many passes tell.
+    """
+    large = goal.metric.is_relative and goal.mean_square >= ERROR_BEYOND_BIAS
+    return large or settings.adaptive or not settings.algorithm.stands_for_others
 
 
 def _render_in_time(timed: TimedRender, goal: Goal) -> Image:
     """Render as by default, for as long as there is time."""
-    clock = timed.work.clock
+    passes, clock = timed.passes, timed.passes.work.clock
     began = clock()
     timed.begin()
     estimate = timed.finish()
-    before = timed.pilot_seconds + timed.compile_seconds
-    times = Times(max(clock() - began - before, 0.0), timed.planned, timed.pilot_seconds, timed.compile_seconds)
-    found = Found(estimate, timed.pass_samples, timed.ending, timed.why)
-    return _with_outcome(timed.average, goal, found, times, timed.error)
+    times = _times(passes, clock() - began, timed.planned)
+    found = Found(estimate, passes.pass_samples, timed.ending, passes.why)
+    return _with_outcome(passes.average, goal, found, times, timed.error)
+
+
+def _render_to_error(to_error: RenderToError) -> Image | None:
+    """Render as by default, until the error is small enough; None if no number of samples will do."""
+    passes, clock = to_error.passes, to_error.passes.work.clock
+    began = clock()
+    to_error.begin()
+    to_error.render()
+    if to_error.is_too_biased and to_error.error is None and not passes.renderer.enough:
+        return None
+    times = _times(passes, clock() - began, to_error.planned)
+    found = Found(to_error.estimate, passes.pass_samples, to_error.ending, passes.why)
+    return _with_outcome(passes.average, to_error.goal, found, times, to_error.error)
+
+
+def _render_searched(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
+    """Search for settings, and render with them."""
+    pilot.run(goal, budget.left)
+    searched = render_found(pilot, goal, budget)
+    return _with_outcome(searched.average, goal, searched.found, searched.times, searched.error)
+
+
+def _times(passes: DefaultPasses, seconds: float, planned: float) -> Times:
+    """What things took, of a render of so many seconds."""
+    before = passes.pilot_seconds + passes.compile_seconds
+    return Times(max(seconds - before, 0.0), planned, passes.pilot_seconds, passes.compile_seconds)
 
 
 def _with_outcome(average: PassAverage, goal: Goal, found: Found, times: Times, error: BaseException | None) -> Image:
@@ -122,106 +153,3 @@ def _with_outcome(average: PassAverage, goal: Goal, found: Found, times: Times, 
     image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
     raise_if_stopped(error, image)
     return image
-
-
-def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
-    """Render what the pilot chose."""
-    progress = pilot.work.progress
-    schedule, expected = pilot.best(goal, budget.left())
-    progress.note(promise(schedule, goal, expected))
-    began = pilot.work.clock()
-    estimator = pilot.estimator_for(schedule, goal)
-    renderer = pilot.renderer_for(schedule)
-    renderer.progress = progress
-    done = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
-    times = Times(pilot.work.clock() - began, schedule.seconds, pilot.seconds, pilot.compile_seconds)
-    samples = tuple(plan.spp for plan in done.average.plans)
-    found = Found(done.estimate, samples, done.ending, reasons(schedule), goal.metric.figure(schedule.error))
-    return _with_outcome(done.average, goal, found, times, done.error)
-
-
-class _Done(NamedTuple):
-    """What came of the passes.
-
-    Attributes:
-        average: their mean.
-        estimate: of its error.
-        ending, error: what ended them; None for an error if they are complete.
-    """
-
-    average: PassAverage
-    estimate: Estimate | None
-    ending: Ending
-    error: BaseException | None = None
-
-
-def _passes(
-    renderer: PassRenderer, schedule: Schedule, goal: Goal, estimator: ConvergenceEstimator, budget: Budget, most: float
-) -> _Done:
-    """Render until the goal is reached, or `most` passes are done, or someone has enough, or presses Ctrl-C
-    after the first, or the cluster is lost after that.
-
-    Args:
-        estimator: may have taken in passes of the schedule's trial already; these are in the image in any case.
-    """
-    average = PassAverage(renderer.prepared)
-    camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
-    buckets = -(-camera.width // bucket) * -(-camera.height // bucket)
-    renderer.progress = PassProgress(renderer.progress, buckets, schedule.passes)
-    samples, estimate, next_check, slowest = schedule.samples, None, LEAST_PASSES, 0.0
-    number = 0
-    while True:
-        began = time.perf_counter()
-        plan = PassPlan(number, number * samples, samples)
-        try:
-            result = schedule.trial.results.get(plan) or renderer.render(plan, average.allotment(plan))
-        except (KeyboardInterrupt, ClusterError) as error:
-            if not number:
-                raise
-            ending = Ending.LOST if isinstance(error, ClusterError) else Ending.INTERRUPTED
-            return _Done(average, estimator.estimate(), ending, error)
-        average.add(result)
-        if schedule.ends_at_once:
-            renderer.show(average)
-            return _Done(average, schedule.trial.at_once, Ending.DONE)
-        if number == estimator.passes:
-            weight = weight_of(plan, result.allotment, camera.width, camera.height)
-            estimator.add(result.layers, weight, shrink(number))
-        number += 1
-        renderer.show(average)
-        if number < estimator.passes:
-            continue
-        if number >= next_check:
-            estimate = estimator.estimate()
-            next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
-            if estimate is not None and estimate.total.high <= goal.mean_square:
-                return _Done(average, estimate, Ending.DONE)
-        if plan not in schedule.trial.results:
-            slowest = max(time.perf_counter() - began, 0.9 * slowest)
-        out_of_time = budget.left() < SLOWER * slowest
-        if number >= most or out_of_time or renderer.enough:
-            return _Done(average, estimator.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE)
-
-
-def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
-    """Passes after which the error counts as out of reach."""
-    if goal.seconds is not None and not expected:
-        return math.inf  # the time ends it
-    return max(PATIENCE * schedule.passes, LEAST_FOR_PATIENCE) if expected else schedule.passes
-
-
-def promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
-    """What is about to be rendered, for the person who waits for it."""
-    error = _error_in_words(schedule, goal)
-    what = f"{passes_in_words((schedule.samples,) * schedule.passes)}, about {schedule.seconds:.1f} s, {error}"
-    if expected:
-        return f"chose {what}"
-    return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"
-
-
-def _error_in_words(schedule: Schedule, goal: Goal) -> str:
-    """What a schedule is expected to come to."""
-    if not schedule.trial.measured:
-        return "error not foretold by so short a pilot"
-    figure = goal.metric.figure(schedule.error)
-    return f"error about {figure:.2g}" if figure > 0 else "error not foretold: the pilot saw no noise"

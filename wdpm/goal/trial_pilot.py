@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Goal
-from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
+from wdpm.goal.reference_pair import REFERENCE_SHARE, ReferencePair, has_reference, make_reference_pair
 from wdpm.goal.schedule import FACTORS, Schedule, nearest, schedule_of, soonest, with_photons
 from wdpm.goal.trial import Trial, try_out
 from wdpm.goal.workplace import Workplace
@@ -26,9 +25,6 @@ FIRST_PHOTONS = 1 / 8
 """Of the first trial, as a share of the photons that a render has by default."""
 
 PHOTON_FIELDS = frozenset({"photons", "caustic_photons", "volume_photons"})
-
-REFERENCE_SHARE = 1 / 6
-"""Of the error asked for: the reference's own uncertainty."""
 
 MOST_TRIALS = 5
 
@@ -146,12 +142,10 @@ class TrialPilot:
         """Whether to render images without bias, to tell how large it is."""
         settings = self.settings
         by_photons = settings.algorithm.shoots_photons and settings.photons > 0
-        # Paths cannot leave out what comes by a photon map: such an image has no reference.
-        whole = not REFERENCE.algorithm.cannot_leave_out.intersection(settings.without)
         large = goal.metric.is_relative and goal.mean_square >= ERROR_BEYOND_BIAS
         if large and not PHOTON_FIELDS & self.fixed:
             return False
-        return by_photons and whole and seconds_left > LONG_S
+        return self.reference is None and by_photons and has_reference(settings) and seconds_left > LONG_S
 
     def _settle(self) -> None:
         """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""

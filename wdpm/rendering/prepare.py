@@ -78,6 +78,7 @@ class Prepared:
         header: what headers of its images say of the scene.
         uncompiled: features whose kernels others stand in for; first what the image is rendered with.
         lent: what slaves of this machine map of what the pilot was flown in; it is there as long as this.
+        noise: of one sample of each pixel, as relMSE, as the trial that chose the integrator saw it; None without one.
     """
 
     pilot: CellWorker | None
@@ -96,6 +97,7 @@ class Prepared:
     header: SceneHeader
     uncompiled: tuple[Features, ...] = ()
     lent: Sequence[Any] = ()
+    noise: float | None = None
 
 
 OF_RECORDS = ("seed", "photons", "k", "radius", "caustic_photons", "caustic_k", "caustic_radius", "max_depth")
@@ -195,6 +197,7 @@ def prepare(
         header=header_of(scene),
         uncompiled=tuple(reversed(compiling.uncompiled)),
         lent=() if alone or neighbours is None else _lent(plan, session, flat, launcher, neighbours),
+        noise=None if automatic.noise is None else float(automatic.noise.mean()),
     )
 
 
