@@ -53,6 +53,7 @@ class CausticGuide:
         target: that a lobe's middle leads to from anywhere in its region, float32, shape [lobes, 3].
         rim: 1 - cos of the angle between a lobe's middle and its rim, above 0 and at most 1, float32, shape [lobes].
         share: probability of each lobe, float32, shape [lobes]; those of a region sum to 1.
+        part: of the rays that go on in a region by diffuse parts, drawn from its lobes, below 1, float32, [regions].
     """
 
     axis: NDArray[np.int32]
@@ -61,6 +62,7 @@ class CausticGuide:
     target: NDArray[np.float32]
     rim: NDArray[np.float32]
     share: NDArray[np.float32]
+    part: NDArray[np.float32]
 
     def __len__(self) -> int:
         """How many regions there are; 0 where nothing was learnt."""
@@ -72,6 +74,7 @@ NO_CAUSTIC_GUIDE = CausticGuide(
     np.empty(0, np.float32),
     np.empty(0, np.int32),
     np.empty((0, 3), np.float32),
+    np.empty(0, np.float32),
     np.empty(0, np.float32),
     np.empty(0, np.float32),
 )

@@ -43,6 +43,8 @@ def check_caustic_guide(guide: CausticGuide, where: str) -> None:
     _require(finite, where, "a plane or a target is no number")
     _require(bool(((guide.rim > 0) & (guide.rim <= 1)).all()), where, "a lobe is wider than a hemisphere, or no number")
     _require(bool(((guide.share >= 0) & (guide.share <= 1)).all()), where, "a share is not between 0 and 1")
+    known = guide.part.shape == (regions,) and bool(((guide.part >= 0) & (guide.part < 1)).all())
+    _require(known, where, "a part is not between 0 and 1, or not one for each region")
     if not regions:
         _require(lobes == 0, where, "lobes of no region")
         return

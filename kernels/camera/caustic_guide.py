@@ -2,9 +2,9 @@
 
 By the cosine alone a path goes from a diffuse surface to where a mirror, or a metal that is nearly one, shows a small
 bright lamp about once in a hundred thousand times, and then is a hundred thousand times too bright: a firefly. Photons
-know where caustics come from. So a part GUIDED of the rays that go on by diffuse parts is drawn from lobes, one for
-each photon that landed in the same region of space: about the direction to a target, which for a flat mirror is the
-lamp's image behind it, and so stays right some way from where the photon landed. The rest goes by the cosine, and all
+know where caustics come from. So in each region of space a part of the rays that go on by diffuse parts is drawn from
+lobes, one for each photon that landed there: about the direction to a target, which for a flat mirror is the lamp's
+image behind it, and so stays right some way from where the photon landed. The rest goes by the cosine, and all
 count by the mean of both densities (the one-sample balance heuristic, Veach & Guibas 1995): nothing is left out, and
 no mean changes.
 
@@ -27,13 +27,6 @@ from wdpm.kernels.rays.cells import Cells, cell_of
 from wdpm.kernels.rays.lanes import cones_met, lowest_bit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_GUIDED = 0.15
-GUIDED = wp.constant(wp.float32(_GUIDED))
-"""Part of the rays that is drawn from lobes. What the others find gets noisier by 1 / (1 - GUIDED) at most; of the
-noise of what mirrors show of small lamps 0.1 leaves a third more than 0.15, and 0.25 a third less."""
-
-_UNGUIDED = wp.constant(wp.float32(1.0 - _GUIDED))
 
 WIDE = wp.constant(wp.float32(20.0))
 """Of a lobe's wider one, 1 - cos at the rim over that of the narrow one: four to five times the angle."""
@@ -61,6 +54,7 @@ class CausticGuide:
         target: of each lobe, [lobes].
         cones: within which the lobes lie with their wider ones, in blocks of eight: see lanes.cones_met.
         rim: 1 - cos of the angle between a lobe's middle and its rim, [lobes].
+        part: of the rays that go on in a region, drawn from its lobes, [regions].
         share: probability of a lobe in its region, [lobes].
         until: the same of all lobes of the region up to and with it, [lobes].
     """
@@ -70,6 +64,7 @@ class CausticGuide:
     target: wp.array[wp.vec3]
     cones: wp.array[wp.float32]
     rim: wp.array[wp.float32]
+    part: wp.array[wp.float32]
     share: wp.array[wp.float32]
     until: wp.array[wp.float32]
 
@@ -81,13 +76,14 @@ def upload(
     target: NDArray[np.float32],
     rim: NDArray[np.float32],
     share: NDArray[np.float32],
+    part: NDArray[np.float32],
     device: str,
 ) -> CausticGuide:
     """A guide on a device.
 
     Args:
         axis, split: of the regions' kd-tree, in heap order, as of the top tree.
-        first, target, rim, share: see CausticGuide; no `first` for no regions.
+        first, target, rim, share, part: see CausticGuide; no `first` for no regions.
     """
     guide = CausticGuide()
     guide.regions = cells.upload(axis, split, 0.0, device)
@@ -112,6 +108,7 @@ def upload(
         "rim": in_blocks(rim, 1.0),
         "share": in_blocks(share, 0.0),
         "until": in_blocks(until, 1.0),
+        "part": np.ascontiguousarray(part),
     }
     guide.first = wp.array(ends.astype(np.int32), dtype=wp.int32, device=device)
     guide.target = wp.array(targets, dtype=wp.vec3, device=device)
@@ -193,18 +190,18 @@ def guided_direction(guide: wp.ref[CausticGuide], region: wp.int32, position: wp
 
 
 @wp.func
-def onward_number(u: wp.float32) -> wp.float32:
-    """What is left of a number in [0, 1) that has chosen between lobes (below GUIDED) and the cosine."""
-    if u < GUIDED:
-        return wp.min(u / GUIDED, _BELOW_ONE)
-    return wp.min((u - GUIDED) / _UNGUIDED, _BELOW_ONE)
+def onward_number(u: wp.float32, part: wp.float32) -> wp.float32:
+    """What is left of a number in [0, 1) that has chosen between lobes (below `part`) and the cosine."""
+    if u < part:
+        return wp.min(u / part, _BELOW_ONE)
+    return wp.min((u - part) / (1.0 - part), _BELOW_ONE)
 
 
 @wp.func
-def over_both(by_cosine: wp.float32, by_lobes: wp.float32) -> wp.float32:
+def over_both(by_cosine: wp.float32, by_lobes: wp.float32, part: wp.float32) -> wp.float32:
     """Density by the cosine alone over that of both ways together."""
     if by_cosine > 0.0:
-        return by_cosine / (_UNGUIDED * by_cosine + GUIDED * by_lobes)
+        return by_cosine / ((1.0 - part) * by_cosine + part * by_lobes)
     return 0.0
 
 
@@ -215,11 +212,13 @@ def guided_pdfs(
     position: wp.array[wp.vec3],
     direction: wp.array[wp.vec3],
     pdf_out: wp.array[wp.float32],
+    part_out: wp.array[wp.float32],
 ) -> None:
-    """guided_pdf of directions at some places; -1 where a region has no lobes."""
+    """guided_pdf of directions at some places, and CausticGuide.part there; 0 where a region has no lobes."""
     i = offset + wp.tid()
     region = lobes_at(guide, position[i])
-    pdf = wp.float32(-1.0)
+    pdf_out[i] = 0.0
+    part_out[i] = 0.0
     if region >= 0:
-        pdf = guided_pdf(guide, region, position[i], direction[i])
-    pdf_out[i] = pdf
+        pdf_out[i] = guided_pdf(guide, region, position[i], direction[i])
+        part_out[i] = guide.part[region]

@@ -6,7 +6,14 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.camera.caustic_guide import GUIDED, guided_direction, guided_pdf, lobes_at, onward_number, over_both
+from wdpm.kernels.camera.caustic_guide import (
+    CausticGuide,
+    guided_direction,
+    guided_pdf,
+    lobes_at,
+    onward_number,
+    over_both,
+)
 from wdpm.kernels.camera.paths import Paths, Vertex
 from wdpm.kernels.camera.picked_light import ways_of_vertex
 from wdpm.kernels.camera.scene import Scene
@@ -38,6 +45,45 @@ from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
+
+
+@wp.struct
+class DiffuseWay:
+    """A direction in which a path goes on by a diffuse part.
+
+    Attributes:
+        local: in the frame of the surface's material.
+        over: density by the cosine alone over that with which it was drawn.
+    """
+
+    direction: wp.vec3
+    local: wp.vec3
+    over: wp.float32
+
+
+@wp.func
+def by_diffuse_part(guide: wp.ref[CausticGuide], s: Surface, u: wp.vec2, guided: wp.bool) -> DiffuseWay:
+    """A direction drawn by the cosine, or, if paths may be guided, from lobes."""
+    way = DiffuseWay()
+    way.over = 1.0
+    region = wp.int32(-1)
+    if guided:
+        region = lobes_at(guide, s.position)
+    if region < 0:
+        way.local = cosine_direction(u)
+        way.direction = to_world(s, way.local)
+        return way
+    part = guide.part[region]
+    left = wp.vec2(onward_number(u[0], part), u[1])
+    if u[0] < part:
+        way.direction = guided_direction(guide, region, s.position, left)
+        way.local = to_local(s, way.direction)
+    else:
+        way.local = cosine_direction(left)
+        way.direction = to_world(s, way.local)
+    by_lobes = guided_pdf(guide, region, s.position, way.direction)
+    way.over = over_both(wp.max(way.local[2], 0.0) * INV_PI, by_lobes, part)
+    return way
 
 
 @functools.cache
@@ -80,26 +126,16 @@ def make_go_on(features: Features) -> wp.Function:
                 onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
         ways = wp.float32(ways_of_vertex(scene.lights, s, p, orders))
         by_diffuse = wp.bool(False)
+        worth = wp.float32(1.0)
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
-                u = numbers_2d(seed, p)
-                region = wp.int32(-1)
-                if orders.diffuse_light == BY_PATHS:
-                    region = lobes_at(scene.caustics, s.position)
-                guided = region >= 0 and u[0] < GUIDED
-                if region >= 0:
-                    u[0] = onward_number(u[0])
-                if guided:
-                    onward.direction = guided_direction(scene.caustics, region, s.position, u)
-                    w_to = to_local(s, onward.direction)
-                else:
-                    w_to = cosine_direction(u)
-                    onward.direction = to_world(s, w_to)
-                by_cosine = wp.max(w_to[2], 0.0) * INV_PI
+                way = by_diffuse_part(scene.caustics, s, numbers_2d(seed, p), orders.diffuse_light == BY_PATHS)
+                w_to = way.local
+                onward.direction = way.direction
                 # Shadow rays know of this density alone. Lamps that a ray meets count by it whichever way it was drawn:
                 # what both weigh by has to be the same, and need not be what the ray was drawn by.
-                onward.pdf = diffuse_share * by_cosine / ways
+                onward.pdf = diffuse_share * (wp.max(w_to[2], 0.0) * INV_PI) / ways
                 onward.anchor = s.position
                 onward.edges = p.edges + 1
                 onward.diffuse = wp.where(p.diffuse == 0, 1, scattered_again(p.diffuse))
@@ -107,9 +143,10 @@ def make_go_on(features: Features) -> wp.Function:
                     onward.throughput = wp.cw_mul(
                         p.throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share)
                     )
-                    if region >= 0:
-                        by_lobes = guided_pdf(scene.caustics, region, s.position, onward.direction)
-                        onward.throughput = onward.throughput * over_both(by_cosine, by_lobes)
+                    onward.throughput = onward.throughput * way.over
+                    # By throughput alone Russian roulette would end what was drawn for being bright.
+                    if way.over > 0.0 and way.over < 1.0:
+                        worth = 1.0 / way.over
                     if wp.static(features.bent):
                         onward.throughput = onward.throughput * bump_shading(s, onward.direction)
         if wp.static(features.glossy):
@@ -151,6 +188,6 @@ def make_go_on(features: Features) -> wp.Function:
                 roulette_from = ROULETTE_FROM_OF_PATHS
             if orders.diffuse_light == BY_FINAL_GATHER and by_diffuse and p.diffuse > 0:
                 roulette_from = ROULETTE_FROM_OF_GATHERS
-        carry_on(p, onward, roulette_from, SURVIVAL_MOST, seed, paths_out)
+        carry_on(p, onward, roulette_from, SURVIVAL_MOST, worth, seed, paths_out)
 
     return go_on

@@ -219,6 +219,7 @@ def carry_on(
     onward: Vertex,
     roulette_from: wp.int32,
     survival_most: wp.float32,
+    worth: wp.float32,
     seed: wp.uint32,
     paths_out: wp.ref[Paths],
 ) -> None:
@@ -229,10 +230,11 @@ def carry_on(
         onward: as it goes on, before Russian roulette; its hit and its number of vertices are seen to here.
         roulette_from: vertices before Russian roulette begins.
         survival_most: largest probability of survival.
+        worth: radiance that is expected along the ray, over that along others.
     """
     carries = onward.throughput
     if wp.max(carries) > 0.0 and p.bounce >= roulette_from:
-        survival = wp.min(survival_most, wp.max(carries))
+        survival = wp.min(survival_most, wp.max(carries) * worth)
         if number_1d(seed, p, ROULETTE) < survival:
             carries = carries / survival
         else:
@@ -301,4 +303,4 @@ def shoot(p: Vertex, orders: Orders, j: wp.int32, shot: Shot, shots_out: wp.ref[
 def nothing_goes_on(p: Vertex, seed: wp.uint32, paths_out: wp.ref[Paths]) -> None:
     """A path ends at a vertex."""
     ended = path_from(p)
-    carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, seed, paths_out)
+    carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, 1.0, seed, paths_out)

@@ -69,6 +69,10 @@ class CausticPhotons:
         """Of each photon's direction to the surface's normal, above 0."""
         return np.maximum((self.normal * self.direction).sum(axis=1, dtype=np.float64), _LEAST_COSINE)
 
+    def area(self, irradiance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """That each photon stands for, where all of them together make so much irradiance."""
+        return np.divide(self.flux, irradiance, out=np.zeros(len(self)), where=irradiance > 0)
+
     def as_arrays(self) -> Arrays:
         """As gathers take them."""
         flux = np.repeat(self.flux.astype(np.float32)[:, None], 3, axis=1)

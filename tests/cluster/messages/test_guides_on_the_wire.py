@@ -19,6 +19,7 @@ GUIDE = CausticGuide(
     np.zeros((3, 3), np.float32),
     np.array([0.5, 1.0, 1e-6], np.float32),
     np.array([1.0, 0.25, 0.75], np.float32),
+    np.array([0.1, 0.5], np.float32),
 )
 
 
@@ -31,6 +32,9 @@ def test_a_guide_that_holds_together_passes() -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
+        ({"part": np.array([0.1, 1.0], np.float32)}, "a part is not"),
+        ({"part": np.array([-0.1, 0.5], np.float32)}, "a part is not"),
+        ({"part": np.array([0.1], np.float32)}, "not one for each region"),
         ({"axis": np.array([3], np.int32)}, "axis is 3"),
         ({"axis": np.zeros(2, np.int32)}, "2 regions, 2 planes"),
         ({"split": np.array([np.nan], np.float32)}, "a plane or a target"),
@@ -39,7 +43,15 @@ def test_a_guide_that_holds_together_passes() -> None:
         ({"first": np.array([1, 1, 3], np.int32)}, "do not follow"),
         ({"first": np.array([0, 1, 2], np.int32)}, "do not follow"),
         ({"first": np.array([0, -1, 3], np.int32)}, "do not follow"),
-        ({"first": np.empty(0, np.int32), "axis": np.empty(0, np.int32), "split": np.empty(0, np.float32)}, "of no"),
+        (
+            {
+                "first": np.empty(0, np.int32),
+                "axis": np.empty(0, np.int32),
+                "split": np.empty(0, np.float32),
+                "part": np.empty(0, np.float32),
+            },
+            "of no",
+        ),
         ({"rim": np.array([0.0, 1.0, 1.0], np.float32)}, "wider than a hemisphere"),
         ({"rim": np.array([0.5, 1.5, 1.0], np.float32)}, "wider than a hemisphere"),
         ({"rim": np.array([0.5, np.nan, 1.0], np.float32)}, "wider than a hemisphere"),

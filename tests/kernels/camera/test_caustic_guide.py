@@ -63,6 +63,7 @@ def lobes(rims: list[float]) -> CausticGuide:
         rng.uniform(-2, 2, (count, 3)).astype(np.float32),
         np.array(rims, np.float32),
         (share / share.sum()).astype(np.float32),
+        np.array([0.0, 0.25], np.float32),
         "cpu",
     )
 
