@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master.events import Noted
 from wdpm.cluster.master.members import Members
 
 
@@ -15,6 +16,12 @@ class JoinWait:
         self._ticked_at: float | None = None
         self._waited_s = 0.0
         self._noted_s = 0.0
+        self._refused = ""
+
+    def refused(self, who: str, reason: str) -> Noted:
+        """A slave came that may not join; what to tell a person."""
+        self._refused = f"{who}: {reason}"
+        return Noted(f"refused {self._refused}")
 
     def tick(self, now: float) -> str | None:
         """Time has passed; returns who has come, and how long the others are waited for, now and then."""
@@ -36,10 +43,10 @@ class JoinWait:
     @property
     def in_vain(self) -> str:
         """Why there is no render, if none has come."""
+        advice = "see that `wdpm slave` runs there and reaches this machine, or give it longer with --join-timeout"
         return (
             f"no slave has joined within {self._limits.join_timeout_s:g} s, of {self._members.expected} that are "
-            "waited for; see that `wdpm slave` runs there and reaches this machine, or give it longer with "
-            "--join-timeout"
+            f"waited for; {f'refused: {self._refused}' if self._refused else advice}"
         )
 
     @property

@@ -308,7 +308,7 @@ class Master:
                 return [
                     *out,
                     Send(identity, protocol.Refuse(reason)),
-                    Noted(f"refused {hello.host}, process {hello.process}: {reason}"),
+                    self._joining.refused(f"{hello.host}, process {hello.process}", reason),
                 ]
             member = self._members.add(identity, hello, now)
             self._deserted = None

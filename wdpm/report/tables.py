@@ -85,7 +85,8 @@ def format_bytes(count: int) -> str:
 def format_seconds(seconds: float) -> str:
     """A length of time for people: 0.012 s, 3.4 s, 12 min 03 s, 2 h 05 min."""
     if seconds < 60:
-        return f"{seconds:.3f} s" if seconds < 0.0995 else f"{seconds:.2f} s" if seconds < 9.995 else f"{seconds:.1f} s"
+        digits = 3 if seconds < 0.0995 else 2 if seconds < 9.995 else 1
+        return f"{seconds:z.{digits}f} s"
     minutes, rest = divmod(round(seconds), 60)
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"

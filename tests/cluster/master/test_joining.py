@@ -69,6 +69,16 @@ def test_no_slave_at_all_ends_the_render() -> None:
     assert "--join-timeout" in reason
 
 
+def test_who_waited_in_vain_hears_why_slaves_were_refused() -> None:
+    driver = Driver()
+    driver(m.Begin(make_session(2, 2)))
+    assert notes(driver.says(A, hello(0, {"code": "2"})))[0].startswith("refused host, process 0: versions differ")
+    driver(m.Tick())
+    out = [each for second in range(1, WAIT_S + 2) for each in driver.master.handle(m.Tick(), float(second))]
+    [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
+    assert reason.startswith("no slave has joined within 600 s, of 2 that are waited for; refused: host, process 0: ")
+
+
 def test_whoever_asks_who_is_there_waits_no_longer_than_a_render() -> None:
     """A command asks that before it has divided the scene, so there is no session yet."""
     driver = Driver()
