@@ -147,6 +147,7 @@ IRRADIANCE_POINT: Final[Fields] = {
     **chosen(STORED_PHOTON, "id", "position", "normal"),
     "radiance": vector("that a white surface sends back [W/(m² sr)]"),
     "radius": number("of the gather that it comes from [scene units]"),
+    "room": number("how far off it may be read: no wall is so near [scene units]"),
 }
 """Irradiance at photons, as light that a white surface reflects: kernels.irradiance.at_photons."""
 

@@ -16,6 +16,7 @@ from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.emit_photons import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
+from wdpm.kernels.photons.walls import make_feel_for_walls
 from wdpm.kernels.whole_samples.trace import make_trace_samples
 
 
@@ -44,6 +45,7 @@ class Variants:
     pass_surfaces: wp.Kernel | None
     add_beams: wp.Kernel | None
     gather_glossy: wp.Kernel | None
+    feel_for_walls: wp.Kernel | None
     trace_samples: wp.Kernel | None
 
     def kernels(self) -> dict[str, wp.Kernel]:
@@ -84,6 +86,7 @@ def make_variants(features: Features) -> Variants:
         pass_surfaces=make_pass_surfaces(at_surfaces) if features.walks else None,
         add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
+        feel_for_walls=make_feel_for_walls(geometry) if features.traced else None,
         trace_samples=None if features.media else make_trace_samples(features),
     )
 

@@ -24,6 +24,7 @@ from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.walls import farthest_wall
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.whole import total_area
@@ -240,6 +241,15 @@ def irradiance_plan(pilot: PhotonPilot, settings: RenderSettings, planned: MapPl
     return IrradiancePlan(
         IRRADIANCE_SHARE, settings.k, planned.caustic_k, reach=IRRADIANCE_REACH * plan.radius, longest=longest
     )
+
+
+def band_of_walls(irradiance: IrradiancePlan, plan: MapPlan) -> float:
+    """How far from a cell walls may be that are felt for from photons whose irradiance is read there [scene units].
+
+    Args:
+        plan: of the global map.
+    """
+    return irradiance.reach + farthest_wall(max(plan.radius, irradiance.reach))
 
 
 def _longest(photons: Arrays) -> int:

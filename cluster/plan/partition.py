@@ -25,8 +25,8 @@ AT_ONCE = 1 << 20
 """Triangles that are held against all cells in one launch, so that its arrays stay small."""
 
 
-def instances_of_cells(instances: Instances, tree: TopTree, extent: float) -> list[NDArray[np.intp]]:
-    """For each cell, the instances whose boxes meet it, ascending: it holds their shapes whole.
+def instances_of_cells(instances: Instances, tree: TopTree, extent: float, band: float = 0.0) -> list[NDArray[np.intp]]:
+    """For each cell, the instances whose boxes meet it, or the band about it, ascending: it holds their shapes whole.
 
     Boxes and cells are both grown by far more than roundings, so a cell has whatever a ray in it can hit.
     """
@@ -34,7 +34,7 @@ def instances_of_cells(instances: Instances, tree: TopTree, extent: float) -> li
         return [np.arange(len(instances))]
     low, high = cell_boxes(tree.axis, tree.split)
     own_low, own_high = instance_boxes(instances)
-    grow = 2.0 * PAD_SHARE * extent
+    grow = 2.0 * PAD_SHARE * extent + band
     return [
         np.flatnonzero(((own_low <= high[cell] + grow) & (own_high >= low[cell] - grow)).all(axis=1))
         for cell in range(tree.cells)
@@ -57,17 +57,20 @@ def places_to_cut(triangles: Triangles) -> NDArray[np.float32]:
 
 
 def rows_of_cells(
-    corners: NDArray[np.float32], tree: TopTree, extent: float, launcher: Launcher
+    corners: NDArray[np.float32], tree: TopTree, extent: float, launcher: Launcher, band: float = 0.0
 ) -> list[NDArray[np.intp]]:
-    """For each cell, the rows of the triangles that overlap it, ascending.
+    """For each cell, the rows of the triangles that overlap it, or the band about it, ascending.
 
     Cells are grown by twice the pad: routing grows them once, so a ray whose interval in a cell is rounded outwards
     still finds there every triangle that it can hit.
+
+    Args:
+        band: how wide it is: walls are felt for from photons there (kernels.photons.walls) [scene units].
     """
     if tree.cells == 1:
         return [np.arange(len(corners))]
     low, high = cell_boxes(tree.axis, tree.split)
-    grow = 2.0 * PAD_SHARE * extent
+    grow = 2.0 * PAD_SHARE * extent + band
     reach = 4.0 * extent  # beyond everything, and near enough for the test's arithmetic
     grown_low = np.maximum(low.astype(np.float64) - grow, -reach)
     grown_high = np.minimum(high.astype(np.float64) + grow, reach)

@@ -22,7 +22,7 @@ from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
 from wdpm.cluster.plan.forecast.work import work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.lit_places import lit_places
-from wdpm.cluster.plan.map_plans import MapPlans, irradiance_plan, map_plans, volume_unit
+from wdpm.cluster.plan.map_plans import MapPlans, band_of_walls, irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
@@ -182,9 +182,10 @@ def _world_plan(
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
     tree = _top_tree(flat, settings, pilot, sight, view, band, (wanted - 1).bit_length(), wanted)
-    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
-    instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
+    rows, instances = _held(flat, tree, 0.0, launcher)
     tree = replace(tree, outlines=outlines_of(flat.triangles, tree, rows, instances, flat.extent))
+    if irradiance.share and tree.cells > 1:
+        rows, instances = _held(flat, tree, band_of_walls(irradiance, maps[GLOBAL_MAP]), launcher)
     world = replace(
         pilot.world,
         top_tree=tree,
@@ -201,6 +202,14 @@ def _world_plan(
     if len(places):
         burdens += photons_in_cells(places, tree) / len(places)
     return WorldPlan(world, rows, instances, tuple(float(burden) for burden in burdens), places)
+
+
+def _held(
+    flat: FlatScene, tree: TopTree, band: float, launcher: Launcher
+) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
+    """The triangles and the instances of each cell and of a band about it."""
+    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher, band)
+    return rows, instances_of_cells(flat.triangles.instances, tree, flat.extent, band)
 
 
 def _top_tree(

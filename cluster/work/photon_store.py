@@ -21,7 +21,7 @@ from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
 from wdpm.cluster.work.photon_buffers import ColumnBuffer, MapBuffers, Numbered, PositionsOf
-from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
+from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, Walled, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.surface_points import PointSpreader
 from wdpm.cluster.work.tally import no_photons
@@ -37,6 +37,7 @@ from wdpm.kernels.photons.surface_points import least_radius
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instance_areas import InstanceAreas
+from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.instances import Instances
 
@@ -64,13 +65,15 @@ class PhotonStore:
 
     Args:
         cell: number of the cell.
+        trees: of its triangles.
         surfaces: its triangles on the device.
         instances: those of them that are held once and stand in several places.
     """
 
-    def __init__(self, cell: int, surfaces: Surfaces, instances: Instances, replica: Replica) -> None:
+    def __init__(self, cell: int, trees: Trees, surfaces: Surfaces, instances: Instances, replica: Replica) -> None:
         self._cell = cell
         self._replica = replica
+        self._geometry = trees, surfaces
         self.instance_areas = InstanceAreas(instances, surfaces.instances, replica.launcher)
         self._spreader = PointSpreader(cell, surfaces, instances, self.instance_areas, replica)
         self._own = MapBuffers(Kind.GHOST_PHOTONS)
@@ -397,7 +400,7 @@ class PhotonStore:
 
         def make() -> list[Any]:
             position, radiance, normal = points["position"], points["radiance"], points["normal"]
-            others = points["radius"], points["id"], launcher.device, launcher.build_launcher()
+            others = points["radius"], points["room"], points["id"], launcher.device, launcher.build_launcher()
             return [at_photons.build(position, radiance, normal, *others)]
 
         tree = CacheEntry(self._cache_name("irradiance"), (photon_map.PhotonMap,), make)
@@ -446,11 +449,14 @@ class PhotonStore:
         )
         places = Places(position, normal, front)
         radiance = by_white(irradiance, radius, self.points[GLOBAL_MAP], plan, places, launcher)
+        trees = self.maps[GLOBAL_MAP].tree, self.points[GLOBAL_MAP]
+        walled = Walled(replica.kernels.feel_for_walls, *self._geometry, *trees, rank, plan, world.irradiance)
+        told = walled.gather(places, radius, radiance, launcher)
         self.irradiance_count = count
         own = {
             **{name: photons[name] for name in ("id", "position", "normal")},
-            "radiance": radiance + self._caustics_at(places),
-            "radius": radius.numpy(),
+            **told,
+            "radiance": told["radiance"] + self._caustics_at(places),
         }
         self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began

@@ -24,7 +24,7 @@ from wdpm.kernels.photons.kd_order import Launch
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.photons.photon_map import build as build_tree
 from wdpm.kernels.rays.lanes import children_distance2, lanes_not_above, lowest_bit
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import SettingsError, WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -35,6 +35,7 @@ _STACK_MASK = wp.constant(127)
 _NODE_MASK = wp.constant(wp.uint64(0x7FFFFFFF))
 _NORMAL_COS = wp.constant(wp.float32(NORMAL_COS))
 _RADIUS_ROW = wp.constant(6)  # of a leaf: the x of what photons have as their direction
+_ROOM_ROW = wp.constant(7)
 
 
 @wp.struct
@@ -77,6 +78,7 @@ def build(
     value: npt.ArrayLike,
     normal: npt.ArrayLike,
     radius: npt.ArrayLike,
+    room: npt.ArrayLike,
     id: npt.ArrayLike,
     device: Any = "cpu",
     launch: Launch | None = None,
@@ -88,11 +90,12 @@ def build(
         value: what is read there, red, green, blue; finite, shape [N, 3].
         normal: unit geometric normal, on the side that the light arrives at, shape [N, 3].
         radius: how far the photons lie that the value is estimated from [scene units], shape [N].
+        room: how far off it may be read, as no wall is so near (photons.in_sight) [scene units], shape [N].
         id: integers, unique among all points, in this tree or not, shape [N].
         device, launch: see `photon_map.build`.
 
     Returns:
-        PhotonMap, whose flux is the value and whose direction is (radius, 0, 0).
+        PhotonMap, whose flux is the value and whose direction is (radius, room, 0).
 
     Raises:
         WdpmError: shapes differ, a number is not finite or too large, or an id comes twice.
@@ -100,6 +103,10 @@ def build(
     radii = np.asarray(radius, dtype=np.float32)
     direction = np.zeros((*radii.shape, 3), np.float32)
     direction[..., 0] = radii
+    rooms = np.asarray(room, dtype=np.float32)
+    if rooms.shape != radii.shape:
+        raise WdpmError(f"irradiance at photons: room of shape {rooms.shape} beside radii of shape {radii.shape}")
+    direction[..., 1] = rooms
     return build_tree(position, value, normal, direction, id, device, launch)
 
 
@@ -173,7 +180,7 @@ def _search_leaf(points: wp.ref[PhotonMap], leaf: wp.int32, x: wp.vec3, n: wp.ve
 def nearest_point(
     points: wp.ref[PhotonMap], x: wp.vec3, n: wp.vec3, reach: wp.float32, stack: wp.array[wp.uint64]
 ) -> Found:
-    """The nearest point whose normal is like that of the query.
+    """The nearest point whose normal is like that of the query; none, if a wall may stand between.
 
     The search goes down to the leaf nearest to x first, whose best point rules out nearly all of the tree.
 
@@ -198,6 +205,10 @@ def nearest_point(
                 stacked = _push_children(points, node, x, found.distance2, stacked, stack)
             else:
                 found = _search_leaf(points, node - points.inner_count, x, n, found)
+    if found.place >= 0:
+        room = points.leaves[LEAF_ROWS * (found.place >> 3) + _ROOM_ROW][found.place & 7]
+        if found.distance2 > room * room:
+            found.place = wp.int32(-1)
     return found
 
 

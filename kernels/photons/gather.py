@@ -123,7 +123,7 @@ def _key(distance2: wp.float32, place: wp.int32) -> wp.uint64:
 
 
 @wp.func
-def _key_distance2(key: wp.uint64) -> wp.float32:
+def key_distance2(key: wp.uint64) -> wp.float32:
     return wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
 
 
@@ -169,7 +169,7 @@ def _quickselect(
 
 
 @wp.func
-def _select(
+def select(
     candidates: wp.array[wp.uint64],
     count: wp.int32,
     nth: wp.int32,
@@ -191,7 +191,7 @@ def _select(
     for b in range(64):
         ints[bins + b] = 0
     for i in range(count):
-        b = (bins + wp.min(wp.int32(_key_distance2(candidates[i]) * scale), BIN_COUNT - 1)) & _INT_MASK
+        b = (bins + wp.min(wp.int32(key_distance2(candidates[i]) * scale), BIN_COUNT - 1)) & _INT_MASK
         ints[b] = ints[b] + 1
     bin = wp.int32(0)
     below = wp.int32(0)
@@ -202,7 +202,7 @@ def _select(
     within = int(CANDIDATE_CAPACITY)
     for i in range(count):
         key = candidates[i]
-        b = wp.min(wp.int32(_key_distance2(key) * scale), BIN_COUNT - 1)
+        b = wp.min(wp.int32(key_distance2(key) * scale), BIN_COUNT - 1)
         candidates[kept & _KEY_MASK] = key
         candidates[within & _KEY_MASK] = key
         kept += wp.int32(b < bin)
@@ -279,9 +279,9 @@ def _search(
         for i in range(leaf_count):
             count = _search_leaf(photons, ints[STACK_CAPACITY + i], x, n, next_above(radius2), count, candidates)
             if count > CANDIDATE_CAPACITY - 8:
-                _select(candidates, count, k, radius2, photons.rank, ints)
+                select(candidates, count, k, radius2, photons.rank, ints)
                 count = k + 1
-                radius2 = _key_distance2(candidates[k])
+                radius2 = key_distance2(candidates[k])
     return count, radius2
 
 
@@ -398,8 +398,8 @@ def nearest(
     result.radius = r_max
     result.area_radius2 = r_max * r_max
     if count > k:
-        _select(candidates, count, k, radius2, photons.rank, ints)
-        nearest2 = _key_distance2(candidates[k])
+        select(candidates, count, k, radius2, photons.rank, ints)
+        nearest2 = key_distance2(candidates[k])
         if nearest2 >= least2:
             result.area_radius2 = nearest2
             result.radius = wp.sqrt(nearest2)

@@ -39,9 +39,7 @@ def excess_of_self(sites: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _self_last(
-    photons: wp.ref[PhotonMap], rank: wp.int32, count: wp.int32, candidates: wp.array[wp.uint64]
-) -> wp.int32:
+def self_last(photons: wp.ref[PhotonMap], rank: wp.int32, count: wp.int32, candidates: wp.array[wp.uint64]) -> wp.int32:
     """Moves the photon of a rank behind the other candidates; returns how many these are."""
     others = wp.int32(count)
     for i in range(count):
@@ -94,7 +92,7 @@ def gather_at_photons(
         if q > begin:
             guess = follow(guess, wp.length(x - before))
         found = nearest_or_within(photons, x, n, k, r_max, r_least, guess, candidates, ints)
-        others = _self_last(photons, rank[q], found.count, candidates)
+        others = self_last(photons, rank[q], found.count, candidates)
         irradiance = estimate(photons, candidates, others, n, n, found.area_radius2)
         if others < found.count:
             sites = share * wp.float32(others) * (reach * reach / found.area_radius2)

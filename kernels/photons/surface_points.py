@@ -177,6 +177,41 @@ def spread(
 
 
 @wp.func
+def passing(
+    points: wp.ref[PhotonMap], row: wp.int32, x: wp.vec3, n: wp.vec3, radius2: wp.float32, larger2: wp.float32
+) -> vec8:
+    """Above 0 for those of the eight points of a leaf that count_within counts."""
+    dx = points.leaves[row + 0] - vec8(x[0])
+    dy = points.leaves[row + 1] - vec8(x[1])
+    dz = points.leaves[row + 2] - vec8(x[2])
+    height = dot8(dx, dy, dz, n)
+    # Never below the box's distance, by the order of operations, as in gather.distance2_to.
+    d2 = wp.cw_mul(dx, dx) + wp.cw_mul(dy, dy) + wp.cw_mul(dz, dz)
+    d2 = d2 + (_FLATTENING / larger2) * wp.cw_mul(height, height)
+    facing = dot8(points.leaves[row + 3], points.leaves[row + 4], points.leaves[row + 5], n)
+    return wp.min(vec8(next_above(radius2)) - d2, facing - vec8(1.0 - _TURN * larger2))
+
+
+@wp.func
+def counted_radius(radius: wp.float32, point_area: wp.float32, r_max: wp.float32) -> wp.float32:
+    """Of the disc in which points are counted: where photons lie denser than points, larger than that of the gather."""
+    return wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
+
+
+@wp.func
+def larger_than(r: wp.float32, radius: wp.float32) -> wp.float32:
+    """The square of how many times as wide that disc is as the gather's: `larger2` of count_within."""
+    return wp.min(r * r / wp.max(radius * radius, _LEAST_SQUARE), _LARGER2_MOST)
+
+
+@wp.func
+def share_of_disc(found: wp.int32, r: wp.float32, point_area: wp.float32) -> wp.float32:
+    """A disc's area over that of the surface in it, by the points that were found there."""
+    count = wp.float32(wp.max(found, 1))
+    return (_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area)
+
+
+@wp.func
 def count_within(
     points: wp.ref[PhotonMap],
     x: wp.vec3,
@@ -195,12 +230,9 @@ def count_within(
     Args:
         larger2: s², in 1 .. 4.
     """
-    flattening = _FLATTENING / larger2
-    facing_least = 1.0 - _TURN * larger2
     found = wp.int32(0)
     stacked = wp.int32(1)
     stack[0] = 0
-    above = next_above(radius2)
     while stacked > 0:
         stacked -= 1
         node = stack[stacked]
@@ -213,16 +245,7 @@ def count_within(
         else:
             for c in range(8):
                 if distance2[c] <= radius2:
-                    row = POINT_ROWS * (child + c - points.inner_count)
-                    dx = points.leaves[row + 0] - vec8(x[0])
-                    dy = points.leaves[row + 1] - vec8(x[1])
-                    dz = points.leaves[row + 2] - vec8(x[2])
-                    height = dot8(dx, dy, dz, n)
-                    # Never below the box's distance, by the order of operations, as in gather.distance2_to.
-                    d2 = wp.cw_mul(dx, dx) + wp.cw_mul(dy, dy) + wp.cw_mul(dz, dz)
-                    d2 = d2 + flattening * wp.cw_mul(height, height)
-                    facing = dot8(points.leaves[row + 3], points.leaves[row + 4], points.leaves[row + 5], n)
-                    passes = wp.min(vec8(above) - d2, facing - vec8(facing_least))
+                    passes = passing(points, POINT_ROWS * (child + c - points.inner_count), x, n, radius2, larger2)
                     for lane in range(8):
                         found += wp.int32(passes[lane] > 0.0)
     return found
@@ -248,12 +271,9 @@ def of_surface(
     incoming = irradiance
     # Around most places that ask a map of few photons there are none: of nothing no share need be known.
     if radius > clearance and wp.max(incoming) > 0.0:
-        # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
-        r = wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
-        larger2 = wp.min(r * r / wp.max(radius * radius, _LEAST_SQUARE), _LARGER2_MOST)
-        found = count_within(points, position, front_normal, r * r, larger2, stack)
-        count = wp.float32(wp.max(found, 1))
-        incoming = incoming * ((_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area))
+        r = counted_radius(radius, point_area, r_max)
+        found = count_within(points, position, front_normal, r * r, larger_than(r, radius), stack)
+        incoming = incoming * share_of_disc(found, r, point_area)
     return incoming
 
 

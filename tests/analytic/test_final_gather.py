@@ -82,7 +82,7 @@ def test_edges_and_corners_are_as_bright_as_walls(way: Indirect, towards: tuple[
 def two_rooms(wall: float, camera_in: int) -> Scene:
     """Two closed rooms, their walls `wall` apart; one glows with 1, the other, lower and narrower, with 0.01.
 
-    No floor of the one goes on in the other: photons next to a wall count on both of its sides where one does.
+    No floor of the one goes on in the other.
     """
     meshes = [
         box((1.0, 1.0, 1.0), (-1.0 - wall / 2, 0, 0), inside=True, emission=(1.0,) * 3),
@@ -96,6 +96,26 @@ def test_nothing_leaks_from_room_to_room(way: Indirect) -> None:
     """Half a thousandth of the bright room's light would be seen in the dark one."""
     for number, glow in enumerate((1.0, 0.01)):
         assert_indirect(two_rooms(1e-3, number), 0.5 * glow, indirect=way, photons=60_000, spp=64)
+
+
+def beside_a_lit_room(camera_x: float) -> Scene:
+    """A closed box that a sheet without thickness divides, and a lamp in its left half."""
+    meshes = [
+        box((1.0, 0.5, 0.5), inside=True),
+        quad((0, -0.5, -0.5), (0, 1, 0), (0, 0, 1)),
+        quad((-0.6, 0.49, -0.1), (0.2, 0, 0), (0, 0, 0.2), emission=(9.0,) * 3),
+    ]
+    return scene(meshes, view((camera_x, 0.1, 0.2), (0.0, -0.4, -0.2), 70, size=16), (0.5,) * 3)
+
+
+def test_a_sheet_lets_no_light_through_to_what_goes_on_beneath_it(way: Indirect) -> None:
+    """Floor, ceiling and walls of the lit half go on in the other one, where a sixtieth of its light was seen."""
+    lit, dark = (
+        rendered(beside_a_lit_room(x), indirect=way, spp=16, **PHOTONS).layers["indirect"].mean(dtype=np.float64)
+        for x in (-0.8, 0.8)
+    )
+    assert lit > 0.005
+    assert dark == 0.0
 
 
 # Against path tracing

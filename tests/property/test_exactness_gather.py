@@ -11,6 +11,7 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
+from furnaces import box, quad, scene, view
 from watched_batches import watch_batches
 
 import wdpm
@@ -248,3 +249,23 @@ def test_two_slaves_over_sockets_give_the_same_bits() -> None:
             image = cluster.render(SCENES[name], replace(FEW, indirect=way, routing=routing))
             assert same_bits(image, reference(name, way))
             assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
+
+
+def sheets_in_a_box() -> Scene:
+    """Sheets that divide a floor, and a lamp behind one of them."""
+    sheets = [
+        quad((0, -0.5, -0.5), (0, 1, 0), (0, 0, 0.6)),
+        quad((-0.5, -0.5, 0.1), (0.25, 0, 0.2), (0, 0.6, 0)),
+        quad((0.3, -0.5, -0.5), (0, 0.7, 0), (0.1, 0, 0.5)),
+    ]
+    lamp = quad((-0.6, 0.49, -0.1), (0.2, 0, 0), (0, 0, 0.2), emission=(9.0,) * 3)
+    seen = view((0.8, 0.1, 0.2), (0.0, -0.4, -0.2), 70, size=16)
+    return scene([box((1.0, 0.5, 0.5), inside=True), *sheets, lamp], seen, (0.5,) * 3)
+
+
+@pytest.mark.parametrize("cells", [8, 32])
+def test_walls_outside_of_a_cell_are_felt_in_it(way: Indirect, cells: int) -> None:
+    """Without the triangles of its band a cell tells other irradiance at photons near its border."""
+    settings = RenderSettings(indirect=way, photons=3000, spp=2)
+    whole = render_in_process(sheets_in_a_box(), settings, workers=1, cells=1, threads=1)
+    assert same_bits(render_in_process(sheets_in_a_box(), settings, workers=2, cells=cells, threads=1), whole)

@@ -108,16 +108,40 @@ def test_the_cell_of_every_point_of_a_triangle_holds_it(seed: int, levels: int) 
     extent = float(np.abs(corners).max())
     rows = rows_of_cells(corners, tree, extent, LAUNCHER)
     assert len(rows) == tree.cells
-    holds = np.zeros((60, tree.cells), bool)
-    for cell, held in enumerate(rows):
-        assert np.all(np.diff(held) > 0)
-        holds[held, cell] = True
+    holds = held_by(rows)
     assert holds.any(axis=1).all()
     weights = rng.dirichlet([0.4, 0.4, 0.4], (60, 50))  # many of them on edges and at corners
     points = np.einsum("tpc,tca->tpa", weights, corners.astype(np.float64)).astype(np.float32)
     low, high = cell_boxes(tree.axis, tree.split)
     inside = np.all((points[:, :, None] >= low) & (points[:, :, None] < high), axis=3)
     assert np.all(holds[:, None] | ~inside)
+
+
+def held_by(rows: list[NDArray[np.intp]]) -> NDArray[np.bool_]:
+    """Whether each of 60 triangles is held by each cell, shape [60, cells]."""
+    holds = np.zeros((60, len(rows)), bool)
+    for cell, held in enumerate(rows):
+        assert np.all(np.diff(held) > 0)
+        holds[held, cell] = True
+    return holds
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), levels=st.integers(1, 4), band=st.floats(0.0, 2.0))
+def test_a_cell_holds_what_lies_in_the_band_about_it(seed: int, levels: int, band: float) -> None:
+    rng = np.random.default_rng(seed)
+    inner = 2**levels - 1
+    tree = TopTree(rng.integers(0, 3, inner).astype(np.int32), rng.choice(LATTICE, inner).astype(np.float32))
+    corners = triangles_of(rng, 60)
+    extent = float(np.abs(corners).max())
+    holds = held_by(rows_of_cells(corners, tree, extent, LAUNCHER, band))
+    weights = rng.dirichlet([0.4, 0.4, 0.4], (60, 50))
+    points = np.einsum("tpc,tca->tpa", weights, corners.astype(np.float64))[:, :, None]
+    low, high = (box.astype(np.float64) for box in cell_boxes(tree.axis, tree.split))
+    off = np.maximum(np.maximum(low - points, points - high), 0.0)
+    assert np.all(holds[:, None] | (np.sqrt((off**2).sum(axis=3)) >= band))
+    narrow = held_by(rows_of_cells(corners, tree, extent, LAUNCHER))
+    assert np.all(holds | ~narrow)
 
 
 def test_a_small_triangle_is_held_by_few_cells() -> None:

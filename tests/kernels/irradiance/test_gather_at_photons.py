@@ -46,7 +46,8 @@ def read_on_a_plane(
         inputs=[tree, *sites, *search],
         outputs=[irradiance, radius],
     )
-    points = at_photons.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), ids[rows])
+    room = np.full(len(rows), reach)
+    points = at_photons.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), room, ids[rows])
 
     queries = 1 << 14
     x = wp.array(np.column_stack([rng.uniform(0, side, (queries, 2)), np.zeros(queries)]), dtype=wp.vec3)

@@ -19,6 +19,10 @@ from wdpm.scenes.errors import SettingsError, WdpmError
 examples = settings(max_examples=60, deadline=None, derandomize=True)
 
 
+FREE = 1e9
+"""Room about points that no wall is near."""
+
+
 @dataclass
 class Points:
     position: Array
@@ -31,7 +35,7 @@ class Points:
         return Points(*(column[which] for column in vars(self).values()))
 
     def build(self) -> Any:
-        return at_photons.build(**vars(self))
+        return at_photons.build(**vars(self), room=np.full(len(self.id), FREE, F32))
 
 
 @dataclass
@@ -129,9 +133,8 @@ def read_one(position: list[list[float]], normal: list[list[float]], ids: list[i
     count = len(ids)
     value = np.arange(count, dtype=F32)[:, None] * np.ones((1, 3), F32)
     radius = np.full(count, 0.5, F32)
-    tree = at_photons.build(
-        np.array(position).reshape(-1, 3), value, np.array(normal).reshape(-1, 3), radius, np.array(ids, np.int64)
-    )
+    places = np.array(position).reshape(-1, 3), value, np.array(normal).reshape(-1, 3)
+    tree = at_photons.build(*places, radius, np.full(count, FREE, F32), np.array(ids, np.int64))
     return read(tree, np.zeros((1, 3), F32), AXES[2:3], reach)
 
 
@@ -202,6 +205,8 @@ def test_a_share_out_of_range_is_an_error(share: float) -> None:
 def test_bad_points_are_errors() -> None:
     ones = np.ones((3, 3), F32)
     with pytest.raises(WdpmError, match="photon id 5 comes twice"):
-        at_photons.build(ones, ones, ones, np.ones(3), np.array([5, 5, 6]))
+        at_photons.build(ones, ones, ones, np.ones(3), np.ones(3), np.array([5, 5, 6]))
     with pytest.raises(WdpmError, match=r"shape \(2, 3\), expected \(3, 3\)"):
-        at_photons.build(ones, ones, ones, np.ones(2), np.array([4, 5, 6]))
+        at_photons.build(ones, ones, ones, np.ones(2), np.ones(2), np.array([4, 5, 6]))
+    with pytest.raises(WdpmError, match=r"room of shape \(2,\) beside radii of shape \(3,\)"):
+        at_photons.build(ones, ones, ones, np.ones(3), np.ones(2), np.array([4, 5, 6]))
