@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import socket
 import struct
@@ -13,6 +14,7 @@ import pytest
 from patience import WAIT_S, wait_until
 from watching import Page, bucket, fetch, frame, watch
 
+from wdpm.view import server
 from wdpm.view.address import ViewAddress
 from wdpm.view.live import LiveView
 
@@ -89,3 +91,19 @@ def test_brackets_without_end_are_no_json(view: LiveView) -> None:
         assert page.refused == ["a message is no JSON"]
 
     watch(view.url, ask)
+
+
+def test_visitors_do_not_take_all_files_of_the_render(view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "most_connections", lambda: 3)
+    visitors = []
+    for number in range(6):
+        visitors.append(visit(view, b""))
+        wanted = min(number + 1, 3)
+        wait_until(lambda wanted=wanted: len(view._server._runner.server.connections) == wanted, "the visitor")
+    for visitor in visitors[3:]:
+        with contextlib.suppress(ConnectionResetError):
+            assert visitor.recv(1) == b""
+    for visitor in visitors:
+        visitor.close()
+    wait_until(lambda: not view._server._runner.server.connections, "their end")
+    assert fetch(view.url)[0] == 200

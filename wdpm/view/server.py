@@ -47,6 +47,12 @@ HEADERS = {
 LONGEST_REQUEST = 4096
 """Bytes of a page's message."""
 
+MOST_CONNECTIONS = 512
+"""With visitors, whether they know the token or not; a browser takes up to seven for a page."""
+
+AT_ONCE = 16
+"""Connections that are taken before it is asked how many there are."""
+
 FAREWELL_S = 2.0
 """How long pages may take for the last pixels."""
 
@@ -155,13 +161,20 @@ class ViewServer:
         )
         await self._runner.setup()
         try:
-            await web.TCPSite(self._runner, address.host, address.port).start()
+            self._listener = await self._loop.create_server(self._admitted, address.host, address.port, backlog=AT_ONCE)
         except OSError:
             await self._runner.cleanup()
             raise
-        return replace(address, port=self._runner.addresses[0][1])
+        return replace(address, port=self._listener.sockets[0].getsockname()[1])
+
+    def _admitted(self) -> asyncio.BaseProtocol:
+        """Who has come is served; one too many is hung up on: without files to open, the render would end."""
+        server = self._runner.server
+        assert server is not None
+        return server() if len(server.connections) < most_connections() else _TooMany()
 
     async def _shut(self) -> None:
+        self._listener.close()
         farewells = [asyncio.wait_for(viewer.flush(), FAREWELL_S) for viewer in list(self._viewers)]
         await asyncio.gather(*farewells, return_exceptions=True)  # who is gone or too slow misses the end
         goodbyes = [asyncio.wait_for(socket.close(), FAREWELL_S) for socket in self._sockets]
@@ -226,6 +239,22 @@ class ViewServer:
             viewer.want(asked.wants)
         else:
             self._act(asked.action)
+
+
+class _TooMany(asyncio.Protocol):
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.abort()
+
+
+def most_connections() -> int:
+    """How many there may be: half of the files and sockets that this process may open are the render's."""
+    try:
+        import resource
+    except ModuleNotFoundError:  # POSIX alone has it
+        return MOST_CONNECTIONS
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return MOST_CONNECTIONS if limit == resource.RLIM_INFINITY else min(MOST_CONNECTIONS, limit // 2)
 
 
 @functools.cache
