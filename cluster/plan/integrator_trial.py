@@ -313,13 +313,15 @@ def _left(settings: RenderSettings) -> float:
 
 
 def _left_by_map(trial: Trial, plans: MapPlans, settings: RenderSettings, spp: int) -> float:
-    """Error that samples do not lessen: as ever, or more where the camera sees places that hardly a photon comes to."""
+    """Error that samples do not lessen: as ever, or more where the camera sees places that hardly a photon comes to.
+
+    What gathers bring in from behind walls is seen by the map alone: what gather rays read has none of it.
+    """
     ordinary, (error, of_caustics) = _left(settings) * trial.by_paths.indirect, trial.map_errors
-    wrong, gathers = trial.bias, plans.expected[GLOBAL_MAP]
-    if error is not None:
-        wrong = max(wrong, error.of(gathers, spp))
+    gathers = plans.expected[GLOBAL_MAP]
+    wrong = 0.0 if error is None else error.of(gathers, spp)
     if not settings.final_gathers:
-        left = max(ordinary, wrong)
+        left = max(ordinary, wrong, trial.bias)
     else:  # what a few heavy photons get wrong is alike in many gathers, and no more averaged out than blur is
         left = max(ordinary, GATHERED_BLUR * wrong, 0.0 if error is None else error.of(gathers, spp, gathered=True))
     return left if of_caustics is None else left + of_caustics.of(plans.expected[CAUSTIC_MAP], spp)

@@ -13,7 +13,13 @@ from two_rooms import corridor, rooms
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import _best_by_photons, _with_photons_of_worth
+from wdpm.cluster.plan.integrator_trial import (
+    LEFT_BY_CACHE,
+    LEFT_BY_MAP,
+    _best_by_photons,
+    _left_by_map,
+    _with_photons_of_worth,
+)
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
@@ -414,6 +420,19 @@ def test_records_are_made_as_rays_that_find_no_photons_are_cheap(
     plans = MapPlans((MapPlan(1 << 16), MapPlan(), MapPlan()), 0, (), (250_000.0, 0.0, 0.0))
     flat, by_map = flatten(cornell_box((128, 128))), replace(trial.by_photons.settings, indirect=Indirect.MAP)
     assert _best_by_photons(flat, plans, trial, by_map)[0].settings.indirect is chosen
+
+
+@pytest.mark.parametrize("bias", [0.0, 3.0])
+def test_light_from_behind_walls_is_held_against_the_map_alone(bias: float) -> None:
+    """Where a hole in a wall without thickness lights a room, most light of the map was that of the room behind."""
+    trial = replace(trial_of(by_paths(0.5), 0.001), bias=bias)
+    plans = MapPlans((MapPlan(1 << 16), MapPlan(), MapPlan()), 0, (), (250_000.0, 0.0, 0.0))
+    by_map, by_rays = (
+        _left_by_map(trial, plans, replace(trial.by_photons.settings, indirect=way), 16)
+        for way in (Indirect.MAP, Indirect.CACHE)
+    )
+    assert by_map == max(bias, LEFT_BY_MAP * trial.by_paths.indirect)
+    assert by_rays == LEFT_BY_CACHE * trial.by_paths.indirect
 
 
 def test_shadow_rays_that_were_asked_for_are_kept() -> None:
