@@ -19,9 +19,11 @@ from wdpm.scenes.errors import ClusterError
 FIRST_SHARE = 0.25
 """Of the time, what the first pass is to take."""
 
-BEYOND_FIRST = 4
-"""So many times the samples of the first pass the others are thought to have. How many they will be nobody knows when
-the render is planned, and those of the first are fewer than would fit."""
+BEYOND_FIRST = 2
+"""So many times the samples of the first pass all is chosen for. The others have up to five times as many, since those
+of the first are fewer than would fit; but each has photons of its own, and the image has those of all. Chosen for four
+times as many, sponza had 1.35 times the error after 12 CPU seconds (256x256, without the worst 0.1 % of pixels), envmap
+1.23, uplight-room 1.0, and materials 0.93."""
 
 BESIDE_SHARE = 0.1
 """Of the time, what passes may take for anything but their samples: photons, maps, and places of records."""
