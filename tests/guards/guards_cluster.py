@@ -73,7 +73,7 @@ GUARDS = (
         prevents="a ray that a rounding let into a cell does not find there what it can hit",
         changes=(
             (
-                "grow = 2.0 * PAD_SHARE * extent\n    reach",
+                "grow = 2.0 * PAD_SHARE * extent + band\n    reach",
                 "grow = 0.0 * PAD_SHARE * extent\n    reach",
             ),
         ),

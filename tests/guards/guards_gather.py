@@ -105,7 +105,7 @@ GUARDS = (
         file="kernels/photons/gather.py",
         prevents="estimates are k / (k - 1) too bright; with k = 1 they have no mean",
         changes=(
-            ("nearest2 = _key_distance2(candidates[k])", "nearest2 = _key_distance2(candidates[wp.max(k - 1, 0)])"),
+            ("nearest2 = key_distance2(candidates[k])", "nearest2 = key_distance2(candidates[wp.max(k - 1, 0)])"),
         ),
         tests=(GATHER + "test_estimate_is_unbiased", hard("k = 1")),
     ),
@@ -199,7 +199,7 @@ GUARDS = (
         name="areas are counted by enough points",
         file="kernels/photons/surface_points.py",
         prevents="where photons lie denser than points, the area is noise",
-        changes=(("r = wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))", "r = radius"),),
+        changes=(("return wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))", "return radius"),),
         tests=(AREA + "test_a_tiny_gather_is_measured_by_a_larger_disc",),
     ),
     Guard(
@@ -208,8 +208,8 @@ GUARDS = (
         prevents="the far side of a wall counts as area of this side, which is then too dark",
         changes=(
             (
-                "passes = wp.min(vec8(above) - d2, facing - vec8(facing_least))",
-                "passes = vec8(above) - d2 + 0.0 * facing",
+                "return wp.min(vec8(next_above(radius2)) - d2, facing - vec8(1.0 - _TURN * larger2))",
+                "return vec8(next_above(radius2)) - d2 + 0.0 * facing",
             ),
         ),
         tests=(AREA + "test_edges_corners_and_strips_are_measured",),
