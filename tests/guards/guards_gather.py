@@ -164,7 +164,7 @@ GUARDS = (
         name="photons that are no numbers",
         file="kernels/photons/photon_map.py",
         prevents="a NaN spoils every gather that comes near",
-        changes=(("if not np.isfinite(value.sum(dtype=np.float64)):", "if False:"),),
+        changes=(("if not np.isfinite(together):", "if False:"),),
         tests=(GATHER + "test_bad_photons_are_errors",),
     ),
     Guard(
