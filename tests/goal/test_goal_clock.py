@@ -73,3 +73,21 @@ def test_where_the_system_does_not_tell_children_count_when_they_have_ended(monk
     monkeypatch.setattr(clock.Path, "iterdir", refuse)
     assert clock._started_by("self") == []
     assert clock.cpu_seconds() >= time.process_time() - ABOUT_S
+
+
+@pytest.mark.parametrize(
+    ("in_a_minute", "now", "share"),
+    [
+        pytest.param(2.0, "3/99", 0.5, id="others were and are at work"),
+        pytest.param(6.0, "1/99", 1.0, id="what was at work has ended"),
+        pytest.param(0.0, "9/99", 1.0, id="others are at work for a moment"),
+        pytest.param(2.0, "what?", 0.5, id="the system does not tell who is at work now"),
+    ],
+)
+def test_cores_are_shared_with_who_was_and_is_at_work(
+    in_a_minute: float, now: str, share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clock, "available_cores", lambda: 2)
+    monkeypatch.setattr(clock.os, "getloadavg", lambda: (in_a_minute, 0.0, 0.0))
+    monkeypatch.setattr(clock.Path, "read_text", lambda _: f"{in_a_minute} 0.0 0.0 {now} 12345\n")
+    assert clock.idle_share() == pytest.approx(share)

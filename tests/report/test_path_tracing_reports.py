@@ -32,6 +32,7 @@ FOR_PATHS = {
     "max_depth",
     "passes",
     "pass_samples",
+    "plan_samples",
     "adaptive",
     "seed",
     "bucket",

@@ -5,6 +5,7 @@ And processor time, which hardly depends on what else a machine does.
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from pathlib import Path
@@ -55,12 +56,23 @@ def _cpu_of(process: int) -> float:
 
 
 def idle_share() -> float:
-    """Of this machine's cores, what a process that could use all is likely to get beside those that run already."""
+    """Of this machine's cores, what a process that could use all is likely to get beside those that run already.
+
+    By those that ran in the last minute, or by those that run now where these are fewer: others may have ended.
+    """
     cores = available_cores()
     try:
-        return cores / (cores + os.getloadavg()[0])
+        return cores / (cores + min(os.getloadavg()[0], _others_running()))
     except (OSError, AttributeError):  # nobody tells
         return 1.0
+
+
+def _others_running() -> float:
+    """Threads that run or wait for a core now, but this one; infinite where the system does not tell."""
+    try:
+        return max(int(Path("/proc/loadavg").read_text().split()[3].partition("/")[0]) - 1, 0)  # proc_loadavg(5)
+    except (OSError, ValueError, IndexError):
+        return math.inf
 
 
 class Budget:
