@@ -68,9 +68,9 @@ def idle_share() -> float:
 
 
 def _others_running() -> float:
-    """Threads that run or wait for a core now, but this one; infinite where the system does not tell."""
+    """Threads that run or wait for a core now, but this one (proc(5)); infinite where the system does not tell."""
     try:
-        return max(int(Path("/proc/loadavg").read_text().split()[3].partition("/")[0]) - 1, 0)  # proc_loadavg(5)
+        return max(int(Path("/proc/loadavg").read_text().split()[3].partition("/")[0]) - 1, 0)
     except (OSError, ValueError, IndexError):
         return math.inf
 
