@@ -419,6 +419,8 @@ def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
         (["--time-budget", "0.1"], "at least 1 s"),
         (["--until-error", "0.1", "--passes", "4"], "--passes"),
         (["--time-budget", "10s", "--spp", "4"], "--spp"),
+        (["--until-error", "0.1", "--pass-samples", "16"], "leave --pass-samples out"),
+        (["--time-budget", "10s", "--pass-samples", "2,2"], "leave --pass-samples out"),
         (["--until-error", "0.1", "--resume"], "--resume"),
         (["--until-error", "0.1", "--replay", "1,1,1"], "--replay"),
         (["--until-error", "0.1", "--save-cache", "c"], "irradiance records of its own; leave --save-cache out"),
@@ -438,8 +440,9 @@ def test_bad_options_are_one_clear_error(
 def test_a_goal_and_settings_contradict_each_other(scene: Scene) -> None:
     with pytest.raises(SettingsError, match="settings"):
         wdpm.render(scene, RenderSettings(), until_error=0.1)
-    with pytest.raises(SettingsError, match="spp"):
-        wdpm.render(scene, until_error=0.1, spp=4)
+    for name, value in (("spp", 4), ("pass_samples", (16,))):
+        with pytest.raises(SettingsError, match=name):
+            wdpm.render(scene, until_error=0.1, **{name: value})
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,8 @@ def add_until_options(parser: argparse.ArgumentParser) -> None:
         "--until-error",
         type=values.error_bound,
         metavar="E",
-        help="pick settings by a short pilot, and render until the error is at most E with 90 %% confidence; settings "
-        f"that are given are kept. Exit code {EXIT_NOT_REACHED} if E is not reached",
+        help="pick settings, as by default or by trials, and render until the error is at most E with 90 %% confidence;"
+        f" settings that are given are kept. Exit code {EXIT_NOT_REACHED} if E is not reached",
     )
     group.add_argument(
         "--metric", choices=METRICS, help="error that --until-error bounds, see wdpm compare (default: relmse)"

@@ -22,6 +22,7 @@ NOT_BESIDE: Mapping[str, str] = {
     "settings": "chooses settings itself, all but those that are given by name",
     "passes": _CHOOSES,
     "spp": _CHOOSES,
+    "pass_samples": _CHOOSES,
     "journal": _IN_ONE_GO,
     "resume": _IN_ONE_GO,
     "keep": _IN_ONE_GO,

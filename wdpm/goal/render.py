@@ -34,7 +34,7 @@ from wdpm.rendering.prepare import Source, sound_scene_of
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.scenes.errors import SettingsError
 
-CHOSEN_HERE = frozenset({"passes", "spp"})
+CHOSEN_HERE = frozenset({"passes", "spp", "pass_samples"})
 """Settings that cannot be given beside a goal."""
 
 OUTCOME = "asked"
