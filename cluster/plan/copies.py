@@ -45,7 +45,7 @@ BARE_PHOTON_BYTES = 75
 """A stored photon at its dearest: 61 as it is stored, 60 in its tree, this in between (kernels.photons.photon_map)."""
 
 PHOTON_BYTES = 100
-"""With irradiance at every fourth, or with the batches that bring copies of photons from other teams."""
+"""With irradiance at some of them, or with the batches that bring copies of photons from other teams."""
 
 POINT_BYTES = 44
 """A surface point at its dearest, while its tree is built; 24 before, 28 after."""

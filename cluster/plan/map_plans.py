@@ -50,11 +50,12 @@ BEAM_PILOT = 4096
 BEAM_HEADROOM = 64.0
 """A volume photon may be so many times stronger than the pilot's strongest; what is beyond is cut, and counted."""
 
-IRRADIANCE_SHARE = 0.25
-"""Every fourth photon has its irradiance computed ahead (Christensen 1999): a gather ray then finds one within a third
-of the radius that the estimate averages over anyway."""
+IRRADIANCE_SHARE = 0.125
+"""Every eighth photon has its irradiance computed ahead (Christensen 1999): a gather ray then finds one within half of
+the radius that the estimate averages over anyway. With every fourth, squared errors of nine scenes (256x256, 2 to 16
+samples) were the same to 4 % either way, and renders took up to 9 % longer."""
 
-IRRADIANCE_REACH = 0.4
+IRRADIANCE_REACH = 0.57
 """How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places
 still find one. Where none is found the ray goes on instead."""
 
