@@ -4,10 +4,11 @@ Sources: Burley 2012, "Physically Based Shading at Disney", and Burley 2015, "Ex
 Integrated Subsurface Scattering", in the form that Mitsuba 3.9 gives them (its clearcoat has no 1 / (4 cos cos), its
 metal reflects nothing where eta is exactly 1, and its sheen needs some diffuse reflection).
 
-Diffuse part, front only: Disney's diffuse lobe with retro-reflection, the fake subsurface lobe (flatness), sheen. It
-is there where metallic < 1 and spec_trans < 1. Glossy part: the main microfacet lobe (GGX), which reflects as a
-dielectric, tinted dielectric or metal, and transmits where spec_trans > 0; and the clearcoat (GTR1, a Smith masking of
-alpha 1/4). The back scatters only where spec_trans > 0.
+Diffuse part, front only: Disney's diffuse lobe with retro-reflection, the fake subsurface lobe (flatness), sheen. Or
+(layered) a Lambertian surface, lit by what the facets between two directions do not reflect (glTF 2.0, appendix B),
+and sheen. It is there where metallic < 1 and spec_trans < 1. Glossy part: the main microfacet lobe (GGX), which
+reflects as a dielectric, tinted dielectric or metal, and transmits where spec_trans > 0; and the clearcoat (GTR1, a
+Smith masking of alpha 1/4). The back scatters only where spec_trans > 0.
 
 `alpha` is what Mitsuba derives from roughness and anisotropic:
 
@@ -63,6 +64,7 @@ _SHEEN_TINT = wp.constant(Principled.KIND.slots["sheen_tint"])
 _FLATNESS = wp.constant(Principled.KIND.slots["flatness"])
 _CLEARCOAT = wp.constant(Principled.KIND.slots["clearcoat"])
 _CLEARCOAT_GLOSS = wp.constant(Principled.KIND.slots["clearcoat_gloss"])
+_LAYERED = wp.constant(Principled.KIND.slots["layered"])
 
 _ALPHA_LEAST = wp.constant(wp.float32(1e-3))
 _TWO_PI = wp.constant(wp.float32(2 * math.pi))
@@ -132,14 +134,14 @@ def clamped_eta(b: Bsdf) -> wp.float32:
 
 
 @wp.func
-def eval_disney_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
-    """The diffuse part without the cosine [1/sr]."""
-    share = brdf_share(b)
-    if w_from[2] <= 0.0 or w_to[2] <= 0.0 or share <= 0.0:
-        return wp.vec3(0.0)
+def disney_strength(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, half2: wp.float32) -> wp.float32:
+    """Disney's diffuse lobe over that of a Lambertian surface.
+
+    Args:
+        half2: squared cosine between either direction and the half vector.
+    """
     from_weight = schlick_weight(w_from[2])
     to_weight = schlick_weight(w_to[2])
-    half2 = wp.clamp(0.5 + 0.5 * wp.dot(w_from, w_to), 0.0, 1.0)  # squared cosine to the half vector
     grazing = 2.0 * b.roughness * half2
     flat = (1.0 - 0.5 * from_weight) * (1.0 - 0.5 * to_weight)
     retro = grazing * (to_weight + from_weight + to_weight * from_weight * (grazing - 1.0))
@@ -149,6 +151,21 @@ def eval_disney_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
         f = (1.0 + f90 * to_weight) * (1.0 + f90 * from_weight)
         subsurface = 1.25 * (f * (1.0 / (w_from[2] + w_to[2]) - 0.5) + 0.5)
         strength = strength + b.flatness * (subsurface - strength)
+    return strength
+
+
+@wp.func
+def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
+    """The diffuse part without the cosine [1/sr]."""
+    share = brdf_share(b)
+    if w_from[2] <= 0.0 or w_to[2] <= 0.0 or share <= 0.0:
+        return wp.vec3(0.0)
+    half2 = wp.clamp(0.5 + 0.5 * wp.dot(w_from, w_to), 0.0, 1.0)
+    strength = wp.float32(0.0)
+    if b.layered > 0.0:
+        strength = 1.0 - fresnel_dielectric(wp.sqrt(half2), b.eta[0]).reflectance
+    else:
+        strength = disney_strength(b, w_from, w_to, half2)
     value = b.color * (share * strength * INV_PI)
     if b.sheen > 0.0:
         sheen = b.sheen * (1.0 - b.metallic) * schlick_weight(wp.sqrt(half2))
@@ -160,7 +177,7 @@ def eval_disney_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def probability_disney_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
     """By estimates of what the parts reflect, in the channel that reflects most, so that no weight is far above 1.
 
     Mitsuba picks half and half, whatever they reflect, and weights a direction by both parts. Here it has the weight of
@@ -171,7 +188,10 @@ def probability_disney_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
         return 0.0
     grazing = schlick_weight(w_from[2])
     most = wp.max(b.color)
-    diffuse = share * most * (1.0 + grazing * (b.roughness - 0.5)) + _SHEEN_SHARE * b.sheen * (1.0 - b.metallic)
+    diffuse = share * most
+    if b.layered == 0.0:
+        diffuse = diffuse * (1.0 + grazing * (b.roughness - 0.5))
+    diffuse = diffuse + _SHEEN_SHARE * b.sheen * (1.0 - b.metallic)
     root = (b.eta[0] - 1.0) / (b.eta[0] + 1.0)
     head_on = (1.0 - b.metallic) * root * root + b.metallic * most
     # towards grazing angles the reflection of rough surfaces grows less than that of smooth ones (Lagarde 2011)
@@ -414,7 +434,7 @@ def principled_alpha(roughness: wp.float32, anisotropic: wp.float32) -> wp.vec2:
 
 
 @wp.func
-def has_disney_diffuse(b: Bsdf) -> bool:
+def has_diffuse(b: Bsdf) -> bool:
     """Where it is not all metal or glass."""
     return b.metallic < 1.0 and b.spec_trans < 1.0
 
@@ -444,11 +464,12 @@ def make_principled(features: Features) -> LeafCode:
         b.flatness = number(materials, textures, node, _FLATNESS, uv, color)
         b.clearcoat = number(materials, textures, node, _CLEARCOAT, uv, color)
         b.clearcoat_gloss = number(materials, textures, node, _CLEARCOAT_GLOSS, uv, color)
+        b.layered = materials.value[node, _LAYERED][0]
         return b
 
     return LeafCode(
         int(PRINCIPLED),
         read,
-        DiffusePart(has_disney_diffuse, eval_disney_diffuse, probability_disney_diffuse),
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse),
         GlossyPart(sample_disney_glossy, eval_disney_glossy, pdf_disney_glossy),
     )

@@ -51,6 +51,7 @@ class Bsdf:
         nonlinear: PLASTIC: 1 where colour shifts by internal scattering are computed.
         metallic ... clearcoat_gloss: PRINCIPLED, as Mitsuba 3 documents them; roughness is in `alpha`'s place there
             too (alpha = what the plugin derives from roughness and anisotropic).
+        layered: PRINCIPLED: 1 where its diffuse part is glTF's, else Disney's.
     """
 
     kind: wp.int32
@@ -71,6 +72,7 @@ class Bsdf:
     flatness: wp.float32
     clearcoat: wp.float32
     clearcoat_gloss: wp.float32
+    layered: wp.float32
 
 
 @wp.struct

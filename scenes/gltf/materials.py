@@ -258,7 +258,7 @@ class _Converter:
         metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
         sheen = self._sheen()
         principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta, sheen=sheen)
-        principled = replace(principled, anisotropic=anisotropic)
+        principled = replace(principled, anisotropic=anisotropic, layered=True)
         if "KHR_materials_clearcoat" not in self._extensions:
             return principled
         coat = self._extension("KHR_materials_clearcoat")
@@ -282,7 +282,7 @@ class _Converter:
             self._warn("specularGlossinessTexture is ignored: its factors are used")
         if max(specular) <= _MOST_OF_DIELECTRICS and max(specular) == min(specular):
             root = math.sqrt(specular[0])
-            return Principled(base, roughness, eta=(1.0 + root) / (1.0 - root))
+            return Principled(base, roughness, eta=(1.0 + root) / (1.0 - root), layered=True)
         alpha = roughness * roughness
         colour = specular[0], specular[1], specular[2]
         mixed, _ = highlight_over(scaled(base, 1.0 - max(specular)), colour, (alpha, alpha), Distribution.GGX)

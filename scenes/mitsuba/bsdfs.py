@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from wdpm.scenes.errors import did_you_mean
 from wdpm.scenes.mitsuba.metals import METALS
@@ -272,7 +272,7 @@ _SHARES: Final = (
 def _principled(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     base = reader.color(plugin, "base_color", GREY)
     roughness = reader.share(plugin, "roughness", 0.5)
-    shares = {name: reader.share(plugin, name, 0.0) for name in _SHARES}
+    shares: dict[str, Any] = {name: reader.share(plugin, name, 0.0) for name in _SHARES}
     eta = _principled_index(plugin, refracts=shares["spec_trans"] != 0)
     plugin.ignore("main_specular_sampling_rate", "clearcoat_sampling_rate", "diffuse_reflectance_sampling_rate")
     return Principled(base, roughness, eta=eta, **shares)
@@ -312,7 +312,7 @@ def _principled_thin(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     if eta == 0.0:
         raise plugin.value_error("eta", "must be greater than 0")
     plugin.ignore(*(f"{kind}_{way}_sampling_rate" for kind in ("diffuse", "specular") for way in _WAYS))
-    diffuse = {name: shares[name] for name in ("sheen", "sheen_tint", "flatness")}
+    diffuse: dict[str, Any] = {name: shares[name] for name in ("sheen", "sheen_tint", "flatness")}
     surface: Bsdf = TwoSided(Principled(base, roughness, eta=1.0, **diffuse))  # of index 1: no reflection over it
     if crossing != 0.0:
         surface = Blend(surface, Translucent(base), crossing)

@@ -221,10 +221,12 @@ class Plastic(Leaf):
 
 @dataclass(frozen=True, eq=False)
 class Principled(Leaf):
-    """Disney's material as Mitsuba 3's `principled` has it; glTF's metallic-roughness is a part of it.
+    """Disney's material as Mitsuba 3's `principled` has it, or with the diffuse part that glTF and Blender mean.
 
     Attributes:
         eta: index of refraction inside over that outside; what `specular` stands for is turned into it by the loader.
+        layered: whether the diffuse part is a Lambertian surface beneath the gloss, lit by what that does not reflect
+            (glTF 2.0, appendix B); else it is Disney's, which is brighter at grazing angles where the surface is rough.
     """
 
     KIND = LeafKind(
@@ -243,6 +245,7 @@ class Principled(Leaf):
             "flatness",
             "clearcoat",
             "clearcoat_gloss",
+            "layered",
         ),
         feature="principled",
         gathers=lambda row: not row.is_one("metallic") and not row.is_one("spec_trans"),
@@ -265,6 +268,7 @@ class Principled(Leaf):
     flatness: Number = 0.0
     clearcoat: Number = 0.0
     clearcoat_gloss: Number = 0.0
+    layered: bool = False
 
     @property
     def lets_through(self) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 BLACK: Final = 0
 """Number of the kind that absorbs all light: a one-sided material seen from behind."""
 
-SLOTS: Final = 12
+SLOTS: Final = 13
 """Parameters of a row of the material table. What a parameter is worth is the row's value times its texture, if any."""
 
 

@@ -115,6 +115,7 @@ def test_principled() -> None:
     aspect = np.sqrt(1 - 0.9 * 0.7)
     np.testing.assert_allclose(b["alpha"], [0.36 / aspect, 0.36 * aspect], rtol=1e-6)
     np.testing.assert_array_equal(leaf(Principled(roughness=0.01))["alpha"], np.float32([1e-3, 1e-3]))
+    assert (b["layered"], leaf(Principled(layered=True))["layered"]) == (0.0, 1.0)
 
 
 def test_textured_parameters() -> None:

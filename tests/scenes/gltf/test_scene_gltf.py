@@ -245,6 +245,7 @@ def test_metallic_roughness(tmp_path: Path) -> None:
     plain = material_of(tmp_path, {})
     assert isinstance(plain, Principled)
     assert (plain.base_color, plain.metallic, plain.roughness) == ((1.0, 1.0, 1.0), 1.0, 1.0)
+    assert plain.layered
 
 
 @pytest.mark.parametrize(

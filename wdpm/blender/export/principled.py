@@ -1,8 +1,8 @@
-"""Blender's Principled BSDF as ours, which is Disney's in the form of Mitsuba 3.
+"""Blender's Principled BSDF as ours, which is Disney's in the form of Mitsuba 3, with a Lambertian base.
 
-They differ in how the base shares light with the coat of gloss above it. Blender's base gets what the gloss lets
-through and is Lambertian; Disney's gets all of the light, with a factor for retro-reflection. So that both reflect the
-same share of light that comes from all directions, the base colour is multiplied by `base_share`.
+They differ in how the base shares light with the gloss above it. Blender's base gets what the whole gloss lets through
+of the light of a direction; ours what facets between two directions do not reflect. So that both reflect the same share
+of light that comes from all directions, the base colour is multiplied by `base_share`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.blender.export.sockets import Output
 from wdpm.blender.export.values import Value, Values
@@ -89,6 +90,7 @@ def _scattering(node: Output, values: Values) -> Bsdf:
         sheen=sheen,
         clearcoat=coat,
         clearcoat_gloss=min(max((0.1 - gloss * gloss) / (0.1 - 0.001), 0.0), 1.0),
+        layered=True,
     )
 
 
@@ -108,28 +110,34 @@ def _eta(node: Output, values: Values) -> float:
 
 @functools.cache
 def base_share(roughness: float, eta: float) -> float:
-    """What the base colour of Disney's material has to be multiplied by to reflect as much as Blender's.
+    """What the base colour has to be multiplied by to reflect as much as Blender's.
 
     With a white base, of light that comes from all directions, Blender's base reflects 1 - F, F what the gloss
-    reflects; Disney's reflects the mean over both hemispheres of its diffuse term (Burley 2012, section 5.3).
+    reflects; ours the mean over both hemispheres of what facets between two directions do not reflect.
     """
     cosines = (np.arange(32) + 0.5) / 32.0
     turns = (np.arange(32) + 0.5) * (math.pi / 32.0)
     to, off, turn = np.meshgrid(cosines, cosines, turns, indexing="ij")
     between = to * off + np.sqrt((1.0 - to**2) * (1.0 - off**2)) * np.cos(turn)
-    f90 = 2.0 * roughness * 0.5 * (1.0 + between)
-    one, other = (1.0 - to) ** 5, (1.0 - off) ** 5
-    disney = (1.0 - 0.5 * one) * (1.0 - 0.5 * other) + f90 * (one + other + one * other * (f90 - 1.0))
-    reflected = float((disney * to * off).mean() / (to * off).mean())
+    through = 1.0 - _reflectance(np.sqrt(0.5 * (1.0 + between)), eta)
+    reflected = float((through * to * off).mean() / (to * off).mean())
     gloss = _mean_reflectance(eta) * (1.0 - 0.38 * roughness - 0.25 * roughness**2)  # fitted to Cycles
     return (1.0 - gloss) / reflected
 
 
 def _mean_reflectance(eta: float) -> float:
-    """Of an interface, for light from all directions outside (Fresnel's equations, unpolarised)."""
-    cosine = (np.arange(256) + 0.5) / 256.0
+    """Of an interface, for light from all directions outside."""
+    cosine = (np.arange(256, dtype=np.float64) + 0.5) / 256.0
+    return float((_reflectance(cosine, eta) * cosine).mean() / cosine.mean())
+
+
+def _reflectance(cosine: NDArray[np.float64], eta: float) -> NDArray[np.float64]:
+    """Of an interface, for light from outside (Fresnel's equations, unpolarised).
+
+    Args:
+        cosine: between the light and the normal, above 0.
+    """
     inside = np.sqrt(np.maximum(1.0 - (1.0 - cosine**2) / eta**2, 0.0))
     across = (cosine - eta * inside) / (cosine + eta * inside)
     along = (eta * cosine - inside) / (eta * cosine + inside)
-    reflectance = np.where(inside > 0.0, 0.5 * (across**2 + along**2), 1.0)
-    return float((reflectance * cosine).mean() / cosine.mean())
+    return np.where(inside > 0.0, 0.5 * (across**2 + along**2), 1.0)
