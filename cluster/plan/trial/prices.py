@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
+from wdpm.cluster.plan.map_plans import MapPlans, irradiance_share
 from wdpm.cluster.plan.small_view import Figures
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays
@@ -95,7 +95,7 @@ class Prices:
         onward = 1.0 + trial.unread * trial.by_paths.vertices  # places that a gather ray comes to
         sample, records = self._rays(way) + asks * caustic / caustic_share, 0.0
         if settings.final_gathers:  # the rays read what was gathered ahead
-            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
+            shot += irradiance_share(settings) * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
         if settings.algorithm.has_irradiance_cache(settings):
             coats = 1.0 - trial.lambertian
             at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)

@@ -20,7 +20,7 @@ from wdpm.cluster.plan.integrator_trial import (
     _left_by_map,
     _with_photons_of_worth,
 )
-from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
+from wdpm.cluster.plan.map_plans import MapPlans, irradiance_share
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
 from wdpm.cluster.plan.record_worth import TRIAL_PIXELS
@@ -268,7 +268,7 @@ def test_gather_rays_pay_for_caustics_at_photons_and_not_where_they_arrive(indir
     at_samples = price(Indirect.MAP, 1.0, 50, 4000.0) - price(Indirect.MAP, 1.0, 0, 4000.0)
     whole = price(indirect, 1.0, 50, 4000.0) - price(indirect, 1.0, 0, 4000.0)
     assert at_samples == pytest.approx(SMALL.camera.width * SMALL.camera.height * 8 * GATHER * 50)
-    assert whole == pytest.approx(at_samples + IRRADIANCE_SHARE * 4000 * GATHER * 50)
+    assert whole == pytest.approx(at_samples + irradiance_share(RenderSettings()) * 4000 * GATHER * 50)
 
 
 def test_gather_rays_from_coats_ask_fewer_caustic_photons() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 import wdpm
 from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.world import IrradiancePlan
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare
@@ -17,10 +18,21 @@ GATHERED = RenderSettings(indirect=Indirect.GATHER, photons=2000, k=20, spp=2)
 SCENE = cornell_box((16, 12))
 
 
+def plan(settings: RenderSettings) -> IrradiancePlan:
+    """Of a Cornell box."""
+    return prepare(SCENE, settings, 1, Launcher("cpu", 1), SilentProgress()).session.world.irradiance
+
+
 def longest(max_depth: int | None) -> int:
-    """Edges of the longest paths that bring light to the photons of a Cornell box."""
-    settings = replace(GATHERED, max_depth=max_depth)
-    return prepare(SCENE, settings, 1, Launcher("cpu", 1), SilentProgress()).session.world.irradiance.longest
+    """Edges of the longest paths that bring light to the photons."""
+    return plan(replace(GATHERED, max_depth=max_depth)).longest
+
+
+@pytest.mark.parametrize(("spp", "passes", "share"), [(1, 1, 0.125), (4, 1, 0.125), (5, 1, 0.25), (8, 2, 0.125)])
+def test_few_samples_read_at_fewer_photons_which_are_as_easily_found(spp: int, passes: int, share: float) -> None:
+    few, many = (plan(replace(GATHERED, spp=each, passes=passes)) for each in (spp, 64))
+    assert few.share == share
+    assert few.share * few.reach**2 == pytest.approx(many.share * many.reach**2, rel=1e-5)
 
 
 def test_paths_that_bring_next_to_nothing_do_not_count() -> None:
