@@ -9,6 +9,7 @@ import pytest
 import warp as wp
 
 from wdpm.bench.gpu import device_check
+from wdpm.bench.gpu.allowance import Allowance
 from wdpm.bench.gpu.launches import LaunchComparison, Repeat, first_difference
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, RenderSettings
@@ -16,6 +17,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import Deposits
 from wdpm.progress import SilentProgress
+from wdpm.scenes.model.scene import Scene
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -127,7 +129,7 @@ def test_images_of_the_device_and_of_a_mixed_cluster() -> None:
         scenes=["cornell-box"],
         size=(16, 12),
         threads=2,
-        kernels=lambda *_: {},
+        kernels=lambda *_, **__: {},
     )
     (scene,) = figures.scenes
     assert (scene.device_equal, scene.mixed_equal, figures.left_out, figures.equal) == (True, True, (), True)
@@ -164,3 +166,24 @@ def test_every_kernel_is_compared() -> None:
     of_the_host = {"find_fronts", "_join"}
     under_the_sky = {"numbers_of_paths"}  # where few photons come indoors
     assert unseen == {"_fill_rows", "_fill_columns", *of_the_master, *of_the_host, *under_the_sky}
+
+
+def test_a_budget_holds_for_kernels_as_for_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each takes as long as is told; nothing is begun that would end too late, if it took as long as those before."""
+    now = [0.0]
+    began: list[str] = []
+
+    def rendered(_scene: Scene, settings: RenderSettings, **_: object) -> None:
+        began.append(settings.indirect.value)
+        now[0] += 4.0
+
+    monkeypatch.setattr(device_check, "render_in_process", rendered)
+    allowance = Allowance(9.0, lambda: now[0])
+    ways = [{"indirect": Indirect.MAP}, {"indirect": Indirect.GATHER}, {"indirect": Indirect.CACHE}]
+    device_check.compare_kernels("cpu", SilentProgress(), ["diffuse box"], ways, allowance)
+    assert began == ["map", "gather"]
+    assert allowance.left_out == ["kernels of diffuse box, indirect cache"]
+    assert list(allowance.of([("first", 1), ("second", 2)])) == [1, 2]  # of things that take no time
+    now[0] = 9.5
+    assert list(allowance.of([("third", 3)])) == []
+    assert allowance.left_out[1:] == ["third"]

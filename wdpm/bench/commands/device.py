@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         ("--spp", 4, "samples a pixel"),
         ("--photons", 100_000, "photons to be stored in each map"),
-        ("--budget", 540, "seconds after which no scene is begun"),
+        ("--budget", 540, "seconds after which nothing more is begun"),
     )
     add_threads(parser, "threads of the CPU")
 

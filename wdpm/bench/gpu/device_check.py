@@ -5,6 +5,7 @@ Without a GPU the CPU may stand in for the device: then this shows that the comp
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +17,7 @@ from typing import Any
 import warp as wp
 
 from wdpm.bench import effects_scenes
+from wdpm.bench.gpu.allowance import Allowance
 from wdpm.bench.gpu.compilation import all_kernels
 from wdpm.bench.gpu.launches import KernelRecord, LaunchComparison
 from wdpm.bench.gpu.mixed_cluster import MixedCluster
@@ -75,7 +77,7 @@ class DeviceFigures:
         device: its name, and in words.
         kernels: what was seen of each kernel that was launched.
         unseen: kernels that were not, those that build trees on the CPU apart.
-        left_out: scenes for which no time was left.
+        left_out: scenes, and kernels of scenes, for which no time was left.
     """
 
     device: tuple[str, str]
@@ -157,24 +159,30 @@ def compare_kernels(
     progress: Progress,
     scenes: Sequence[str] = (effects_scenes.DIFFUSE, effects_scenes.EVERYTHING),
     ways: Sequence[dict[str, Any]] = WAYS,
+    allowance: Allowance | None = None,
 ) -> dict[str, KernelRecord]:
     """Render small scenes on the CPU, and repeat each launch on the device.
 
     Args:
         scenes: of `wdpm bench effects`.
         ways: settings to render each with.
+        allowance: of time; None for as much as it takes.
     """
     comparison = LaunchComparison(device)
     progress.start("kernels", len(scenes) * len(ways))
-    for name in scenes:
+    every = [(f"kernels of {name}, {_in_words(way)}", (name, way)) for name in scenes for way in ways]
+    for name, way in (allowance or Allowance(math.inf)).of(every):
         scene = effects_scenes.scene_of(name, SMALL)
         if name in FILTERS:
             scene = replace(scene, camera=replace(scene.camera, filter=FILTERS[name]))
-        for way in ways:
-            with comparison.watching():
-                render_in_process(scene, replace(FEW, **way), workers=2, cells=2, threads=1)
-            progress.advance()
+        with comparison.watching():
+            render_in_process(scene, replace(FEW, **way), workers=2, cells=2, threads=1)
+        progress.advance()
     return comparison.kernels
+
+
+def _in_words(way: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value.value}" for name, value in way.items())
 
 
 def compare_images(name: str, scene: Scene, settings: RenderSettings, backends: Sequence[Backend]) -> SceneBits:
@@ -205,19 +213,19 @@ def measure(
     scenes: Sequence[str] = (),
     size: tuple[int, int] = (256, 192),
     threads: int,
-    kernels: Callable[[str, Progress], dict[str, KernelRecord]] = compare_kernels,
+    kernels: Callable[..., dict[str, KernelRecord]] = compare_kernels,
     budget: float = 540.0,
 ) -> DeviceFigures:
     """All of it: kernels first, then images.
 
     Args:
         scenes: files or names; none for all, see `scenes_to_render`.
-        budget: after this no scene is begun [s].
+        budget: after this nothing is begun, nor what would end later if it took as long as the longest so far [s].
     """
-    began = time.monotonic()
-    records = kernels(device, progress)
-    rows, late = [], []
-    orders = list(scenes_to_render(scenes, size))
+    allowance = Allowance(budget)
+    records = kernels(device, progress, allowance=allowance)
+    orders = [(name, (name, make)) for name, make in scenes_to_render(scenes, size)]
+    rows: list[SceneBits] = []
     progress.start("images", len(orders))
     with (
         # Not in this process: where CUDA has run, none may be forked, as the CPU's cores are kept busy by.
@@ -225,11 +233,9 @@ def measure(
         InProcess(threads=threads, device=device) as other,
         MixedCluster(("cpu", device), threads) as both,
     ):
-        for name, make in orders:
-            if time.monotonic() - began > budget:
-                late.append(name)
-            else:
-                rows.append(compare_images(name, make(), settings, (cpu, other, both)))
+        for name, make in allowance.of(orders):
+            rows.append(compare_images(name, make(), settings, (cpu, other, both)))
             progress.advance()
     unseen = tuple(name for name in all_kernels(trees=False) if name not in records)
-    return DeviceFigures((device, str(wp.get_device(device).name)), records, unseen, tuple(rows), tuple(late))
+    words = str(wp.get_device(device).name)
+    return DeviceFigures((device, words), records, unseen, tuple(rows), tuple(allowance.left_out))
