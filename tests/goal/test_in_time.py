@@ -249,3 +249,18 @@ def test_passes_in_words() -> None:
     assert passes_in_words((1, 1)) == "2 passes of 1 sample"
     assert passes_in_words((1, 8, 9)) == "3 passes of 1, 8 and 9 samples"
     assert passes_in_words((1, *range(2, 10))) == "9 passes of 1 to 9 samples"
+
+
+@pytest.mark.parametrize(("seconds", "first"), [(3.0, 2), (1.25, 1)])
+def test_what_is_chosen_on_a_busy_machine_is_for_more_samples_than_one(
+    seconds: float, first: int, room: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Passes of a time have few samples where others are at work, and what suits one or two suits no others."""
+    clock = Rendering(0.2, 0.05, monkeypatch)
+    monkeypatch.setattr("wdpm.goal.default_passes.idle_share", lambda: 0.04)
+    scene = replace(room, camera=replace(room.camera, width=64, height=64))
+    timed = clock.of(scene, seconds, integrator="path")
+    assert timed.passes.samples_of_first(FIRST_SHARE) <= 1
+    timed.begin()
+    assert [plan.spp for plan in clock.passes] == [first]
+    assert timed.passes.renderer.prepared.settings.plan_samples == 4

@@ -19,11 +19,18 @@ from wdpm.scenes.errors import ClusterError
 FIRST_SHARE = 0.25
 """Of the time, what the first pass is to take."""
 
+FEW, MOST_OF_FEW = 2, 0.5
+"""Samples that the first pass has at least, if they are likely to take no more than such a share of the time. What a
+pass of one sample takes is to half what every pass takes, which would be taken to grow with the samples."""
+
 BEYOND_FIRST = 2
 """So many times the samples of the first pass all is chosen for. The others have up to five times as many, since those
 of the first are fewer than would fit; but each has photons of its own, and the image has those of all. Chosen for four
 times as many, sponza had 1.35 times the error after 12 CPU seconds (256x256, without the worst 0.1 % of pixels), envmap
 1.23, uplight-room 1.0, and materials 0.93."""
+
+LEAST_CHOSEN_FOR = 4
+"""Samples of a pass. Where the first has but one, the machine was busy, or others take much of the time."""
 
 BESIDE_SHARE = 0.1
 """Of the time, what passes may take for anything but their samples: photons, maps, and places of records."""
@@ -51,8 +58,8 @@ class TimedRender:
     def begin(self) -> None:
         """Choose settings as for a pass of so many samples as the first is to have, and render it."""
         passes = self.passes
-        samples = passes.samples_of_first(FIRST_SHARE)
-        passes.choose(samples, BEYOND_FIRST * samples)
+        samples = max(passes.samples_of_first(FIRST_SHARE), min(passes.samples_of_first(MOST_OF_FEW), FEW))
+        passes.choose(samples, max(BEYOND_FIRST * samples, LEAST_CHOSEN_FOR))
         self.planned = max(passes.seconds_left(), 0.0)
         passes.begin()
         passes.render(samples)
