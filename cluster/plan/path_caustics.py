@@ -7,8 +7,13 @@ and would call the scene easy. But photons know E, and lamps know L: a sample wh
 (w: the kernels' query weight / pi) has a second moment of pi w² E L. Of lamps without size L is infinite: no path ever
 meets them.
 
+Where paths are guided to caustics (plan.caustics), such a sample is the less bright, and the more often met, the more
+often its direction is drawn: pi L falls to L cos / p, of the density p of both ways together. That is asked of photons
+which taught the guide nothing: those that it knows nothing of make most of the noise.
+
 That is so where light is reflected and refracted in single directions. A rough metal spreads it, shadow rays from there
-find the lamp, and trials see what comes of it: E is that of photons in the same scene with its rough metals black.
+find the lamp, and trials see what comes of it: E is that of photons in the same scene with its rough metals black. Only
+where paths are guided to caustics is that of rough metals told by photons, too: what is left is as rare.
 """
 
 from __future__ import annotations
@@ -22,6 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
+from wdpm.cluster.guide import CausticGuide
+from wdpm.cluster.plan.caustics.guide import NO_CAUSTICS_LEARNT, CausticsLearnt, Untaught, cosine_over_both
 from wdpm.cluster.plan.effects import calls_for_caustics
 from wdpm.cluster.plan.photon_pilot import ENOUGH, LEAST_PATHS, PhotonPilot, caustic_photons_among
 from wdpm.cluster.plan.pilot_gathers import AmongPhotons
@@ -62,6 +69,7 @@ class PathCaustics:
         chance: that a sample of a pixel meets one, shape [pixels].
         share: of them in the image's light.
         square: of what they bring, as relMSE is weighted.
+        of_guided: noise as above of all caustics, those of rough surfaces too, where paths are guided to them.
     """
 
     noise: float
@@ -69,6 +77,7 @@ class PathCaustics:
     chance: Values
     share: float
     square: float
+    of_guided: float = 0.0
 
     @property
     def are_found(self) -> bool:
@@ -87,8 +96,8 @@ class PathCaustics:
         """
         met = float((-np.expm1(-spp * self.chance)).mean()) if len(self.chance) else 0.0
         if met <= FIREFLIES and self.share <= MOST_LACKED and self.square <= LACKED_BESIDE_GRAIN * grain:
-            return self.square
-        return self.noise / spp
+            return max(self.square, self.of_guided / spp)
+        return max(self.noise, self.of_guided) / spp
 
 
 MOST_PLACES = 4096
@@ -97,6 +106,9 @@ MOST_PLACES = 4096
 FEWER_PATHS = 4
 """Of the pilot's paths, one of so many is flown again among smooth surfaces alone, if that stores ENOUGH photons. On
 four scenes noise was told to be 0.9 to 1.3 of what all tell; in a shop where it is a twentieth of all noise, 0.7."""
+
+OTHER_SEED = 0x5EED
+"""Changes the seed of photons that try what those of the pilot have taught."""
 
 GREY = 0.5
 """Photons are stored on it; what it reflects of them is no caustic any more."""
@@ -109,8 +121,19 @@ def may_have_caustics(flat: FlatScene, features: Features, settings: RenderSetti
     return calls_for_caustics(flat, features, settings) and _smooth_alone(flat) is not None
 
 
+def has_rough_metals(flat: FlatScene) -> bool:
+    """Whether anything is rough and glossy, of whose caustics trials see some."""
+    return _smooth_alone(flat) is not flat.materials
+
+
 def caustics_by_paths(
-    pilot: PhotonPilot, flat: FlatScene, places: SeenPlaces, truth: Values, samples: int, epsilon: float
+    pilot: PhotonPilot,
+    flat: FlatScene,
+    places: SeenPlaces,
+    truth: Values,
+    samples: int,
+    epsilon: float,
+    learnt: CausticsLearnt = NO_CAUSTICS_LEARNT,
 ) -> PathCaustics:
     """What caustics cost path tracing.
 
@@ -118,31 +141,77 @@ def caustics_by_paths(
         places: that an image of `samples` samples a pixel has seen.
         truth: that image, or about so, shape [height, width, 3].
         epsilon: added to squared radiance, as in relMSE.
+        learnt: where paths will go on to find caustics.
     """
-    smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat)
-    if smooth is None or not len(places.all("pixel")):
+    if not len(places.all("pixel")):
         return NO_CAUSTICS
-    photons, light, paths = _photons_by_smooth(smooth, flat, pilot)
+    seen = _Seen(places, truth, samples)
+    of_smooth = _caustics_of_smooth(pilot, flat, seen, epsilon, learnt.guide)
+    if learnt.untaught is None:
+        return of_smooth
+    return replace(of_smooth, of_guided=_noise_of_untaught(learnt.untaught, pilot, seen, epsilon))
+
+
+class _Seen:
+    """Some of the places that an image has seen, and what they bring to its pixels.
+
+    Args:
+        places, truth, samples: as of caustics_by_paths.
+
+    Attributes:
+        position, normal: of each place.
+        weight: of its irradiance in a pixel's radiance.
+        radiance: of each pixel.
+    """
+
+    def __init__(self, places: SeenPlaces, truth: Values, samples: int) -> None:
+        step = -(-len(places.all("pixel")) // MOST_PLACES)
+        self.position, self.normal, self._pixel = (places.all(name)[::step] for name in ("position", "normal", "pixel"))
+        self.weight = places.all("weight")[::step].mean(axis=1).astype(np.float64) * float(INV_PI)
+        self.radiance: Values = truth.mean(axis=2).reshape(-1)
+        self._of_each = step / samples
+
+    def by_pixel(self, value: Values) -> Values:
+        """The sum of a value of each place, of the mean sample of each pixel."""
+        return np.asarray(np.bincount(self._pixel, value, len(self.radiance)) * self._of_each, np.float64)
+
+
+def _noise_of_untaught(untaught: Untaught, pilot: PhotonPilot, seen: _Seen, epsilon: float) -> float:
+    """That caustics make in paths which are guided to them, by photons that half of the others have taught nothing.
+
+    More is left by half of them than by all: noise is told to be twice as much, about. But what is left is rare, and
+    bright, and photons know the less of it the rarer it is.
+    """
+    factors = [np.ones(len(untaught.brought)), untaught.brought]
+    told = _irradiance(pilot, untaught.photons, 1, factors, seen.position, seen.normal)
+    found, second = seen.by_pixel(seen.weight * told[0]), seen.by_pixel(np.pi * seen.weight**2 * told[1])
+    return float((second / (np.maximum(seen.radiance, found) ** 2 + epsilon)).mean())
+
+
+def _caustics_of_smooth(
+    pilot: PhotonPilot, flat: FlatScene, seen: _Seen, epsilon: float, guide: CausticGuide
+) -> PathCaustics:
+    """What caustics of smooth surfaces cost."""
+    smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat)
+    if smooth is None:
+        return NO_CAUSTICS
+    photons, light, paths = _photons_by_smooth(smooth, flat, pilot, taught=len(guide) > 0)
     if not len(photons["id"]):
         return NO_CAUSTICS
-    bright = _radiance_of(flat.lights)
-    pixels = truth.shape[0] * truth.shape[1]
-    step = -(-len(places.all("pixel")) // MOST_PLACES)
-    position, normal, pixel = (places.all(name)[::step] for name in ("position", "normal", "pixel"))
-    weight = places.all("weight")[::step].mean(axis=1).astype(np.float64) * float(INV_PI)
-
-    def by_pixel(value: Values) -> Values:
-        return np.asarray(np.bincount(pixel, value, pixels) * (step / samples), np.float64)
-
+    bright, weight = _radiance_of(flat.lights), seen.weight
     sized = np.isfinite(bright)
     once = np.divide(1.0, np.pi * bright, out=np.zeros(len(bright)), where=sized & (bright > 0))
-    told = _irradiance(pilot, photons, paths, [sized, np.where(sized, bright, 0.0), once], light, position, normal)
+    over = cosine_over_both(guide, photons, pilot.cell.replica.launcher) if len(guide) else np.ones(len(light))
+    factors = [sized[light], np.where(sized, bright, 0.0)[light] * over, once[light] / over]
+    told = _irradiance(pilot, photons, paths, factors, seen.position, seen.normal)
     # A trial may have met no caustic: where photons know that one is, the image is at least as bright.
-    found, second, chance = by_pixel(weight * told[0]), by_pixel(np.pi * weight**2 * told[1]), by_pixel(told[2])
-    hidden = np.zeros(pixels)
+    values = (weight * told[0], np.pi * weight**2 * told[1], told[2])
+    found, second, chance = (seen.by_pixel(value) for value in values)
+    hidden = np.zeros(len(found))
     if not sized.all():
-        hidden = by_pixel(weight * _irradiance(pilot, photons, paths, [~sized], light, position, normal)[0])
-    radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
+        by_sizeless = _irradiance(pilot, photons, paths, [~sized[light]], seen.position, seen.normal)[0]
+        hidden = seen.by_pixel(weight * by_sizeless)
+    radiance = np.maximum(seen.radiance, found + hidden)
     whole, relative = float(radiance.sum()), 1.0 / (radiance**2 + epsilon)
     return PathCaustics(
         float((second * relative).mean()),
@@ -182,17 +251,22 @@ def _smooth_alone(flat: FlatScene) -> MaterialTable | None:
 
 
 def _photons_by_smooth(
-    smooth: MaterialTable, flat: FlatScene, pilot: PhotonPilot
+    smooth: MaterialTable, flat: FlatScene, pilot: PhotonPilot, *, taught: bool
 ) -> tuple[Arrays, NDArray[np.int32], int]:
-    """Caustic photons that smooth surfaces make, which light each comes from, and of how many paths they are."""
-    if smooth is flat.materials:
+    """Caustic photons that smooth surfaces make, which light each comes from, and of how many paths they are.
+
+    Args:
+        taught: whether the pilot's may have taught what these are to try.
+    """
+    seed = pilot.world.seed ^ OTHER_SEED if taught else None
+    if smooth is flat.materials and not taught:
         photons = pilot.photons[CAUSTIC_MAP]
         return photons, pilot.light_of_path()[photons["id"] >> BOUNCE_BITS], pilot.paths
     few = min(max(pilot.paths // FEWER_PATHS, LEAST_PATHS), pilot.paths)
-    photons, light = caustic_photons_among(smooth, pilot, few)
+    photons, light = caustic_photons_among(smooth, pilot, few, seed)
     if few == pilot.paths or len(photons["id"]) >= ENOUGH:
         return photons, light, few
-    return *caustic_photons_among(smooth, pilot, pilot.paths), pilot.paths
+    return *caustic_photons_among(smooth, pilot, pilot.paths, seed), pilot.paths
 
 
 def _irradiance(
@@ -200,20 +274,18 @@ def _irradiance(
     photons: Arrays,
     paths: int,
     factors: Sequence[NDArray[Any]],
-    light: NDArray[np.int32],
     position: NDArray[np.float32],
     normal: NDArray[np.float32],
 ) -> list[Values]:
-    """Of some photons at some places, mean of RGB, by each of up to three factors of the lights: shape [places] each.
+    """Of some photons at some places, mean of RGB, by each of up to three factors of the photons: shape [places] each.
 
     Args:
         paths: of which these photons are.
-        light: that each photon comes from.
     """
     flux = photons["flux"].mean(axis=1, dtype=np.float64)
     scaled, units = np.zeros((len(flux), 3), np.float32), []
     for number, factor in enumerate(factors):
-        each = flux * factor[light]
+        each = flux * factor
         # Flux times radiance may be beyond what float32 holds, though neither is: a power of two changes nothing else.
         units.append(2.0 ** math.frexp(float(each.max(initial=0.0)))[1])
         scaled[:, number] = each / units[-1]

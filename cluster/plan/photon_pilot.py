@@ -282,10 +282,16 @@ def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: i
         return flown_photons(worker)[GLOBAL_MAP]
 
 
-def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot, paths: int) -> tuple[Arrays, NDArray[np.int32]]:
-    """Caustic photons of some paths, were the materials others, and which light each of them comes from."""
+def caustic_photons_among(
+    materials: MaterialTable, pilot: PhotonPilot, paths: int, seed: int | None = None
+) -> tuple[Arrays, NDArray[np.int32]]:
+    """Caustic photons of some paths, were the materials others, and which light each of them comes from.
+
+    Args:
+        seed: of their random numbers; None for that of the pilot.
+    """
     alone = replace(pilot.world, global_map=MapPlan(0), caustic_map=MapPlan(paths), volume_map=MapPlan(0))
-    other = replace(alone, materials=materials)
+    other = replace(alone, materials=materials, seed=pilot.world.seed if seed is None else seed)
     with in_world(other, pilot) as worker:
         photons = flown_photons(worker)[CAUSTIC_MAP]
         return photons, _light_of_path(worker)[photons["id"] >> BOUNCE_BITS]

@@ -113,6 +113,7 @@ def make_render_plan(
     cells: int | None = None,
     pilot: PhotonPilot | None = None,
     learnt: Learnt | None = None,
+    caustics: CausticsLearnt | None = None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
@@ -121,6 +122,7 @@ def make_render_plan(
         cells: a power of two; None for the least that gives every worker the like.
         pilot: that was flown to decide on settings.
         learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
+        caustics: where paths go on to find caustics, likewise.
     """
     view = view_of(flat, settings, workers)
     pilot = steered_pilot(flat, pilot_for(flat, features_of(flat, settings), settings, launcher, pilot), view)
@@ -134,7 +136,8 @@ def make_render_plan(
     pilot.worker.forget_photons()
     if learnt is None:
         learnt = learn_guide(flat, pilot.cell, view, settings.samples_of_pass)
-    caustics = learn_caustics(flat, settings, view, pilot)
+    if caustics is None:
+        caustics = learn_caustics(flat, settings, view, pilot)
     lit = lit_places(pilot, view.cache)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)

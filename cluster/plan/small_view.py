@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.guide import NO_CAUSTIC_GUIDE, CausticGuide
 from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.view import view_of
@@ -140,6 +141,7 @@ class Halves:
         samples: of each pixel, in both.
         noise_left: the variance that the image's pixel filter leaves of that of samples (pixel_filter.noise_left); a
             trial's own samples count in one pixel alone.
+        guide: to caustics, of paths.
 
     Attributes:
         layers: of each image.
@@ -154,12 +156,13 @@ class Halves:
         learnt: Learnt = NOTHING_LEARNT,
         samples: int = TRIAL_SAMPLES,
         noise_left: float = 1.0,
+        guide: CausticGuide = NO_CAUSTIC_GUIDE,
     ) -> None:
         self._settings = settings
         self._noise_left = noise_left
         self._half = samples // 2
         view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1, pass_samples=()), 1), learnt)
-        self.layers, vertices = _halves(worker, replace(view, spp=self._half))
+        self.layers, vertices = _halves(worker, replace(view, spp=self._half, caustic_guide=guide))
         self._vertices = vertices / (samples * view.camera.width * view.camera.height)
         self.light_samples = view.light_samples
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.plan.caustics.guide import CausticsLearnt
+from wdpm.cluster.plan.effects import calls_for_caustics, features_of
 from wdpm.cluster.plan.integrator_trial import choose_integrator, reason_for_photons, trial_features
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
@@ -20,6 +22,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.used_media import calls_for_media
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class ChosenSettings:
         learnt: how shadow rays choose among lights, where a choice asked for it.
         noise: of a sample of each pixel of a small picture, where a choice told, shape [height, width].
         caustic_share: 1 of so many samples of a pixel asks the caustic map.
+        caustics: where paths go on to find caustics, where a choice asked for it.
     """
 
     settings: RenderSettings
@@ -40,6 +44,7 @@ class ChosenSettings:
     learnt: Learnt | None = None
     noise: NDArray[np.float64] | None = None
     caustic_share: int = 1
+    caustics: CausticsLearnt | None = None
 
 
 def choose_settings(
@@ -81,7 +86,8 @@ def choose_settings(
         if settings.light_samples is None:
             chosen = replace(chosen, light_samples=choice.shadow_rays)
             words += rays_in_words(choice.shadow_rays)
-    return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share)
+    caustics = None if chosen.algorithm.shoots_photons else choice.caustics
+    return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share, caustics)
 
 
 BRIGHTEST = 1e32
@@ -111,7 +117,21 @@ def _settled(flat: FlatScene, settings: RenderSettings) -> ChosenSettings:
     """
     indirect, why = settings.algorithm.choose(flat, settings)
     chosen = _with_light_samples(flat, replace(settings, indirect=indirect))
-    return ChosenSettings(chosen, () if why is None else (why,))
+    words = () if why is None else (why,)
+    return ChosenSettings(chosen, (*words, *_maps_as_ever(flat, chosen)))
+
+
+def _maps_as_ever(flat: FlatScene, settings: RenderSettings) -> tuple[str, ...]:
+    """That other maps have photons as ever, where somebody has said how many the global one has; in words."""
+    plain = RenderSettings()
+    if settings.photons == plain.photons or not settings.algorithm.shoots_photons:
+        return ()
+    maps = {"caustic": calls_for_caustics(flat, features_of(flat, settings), settings), "volume": calls_for_media(flat)}
+    return tuple(
+        f"{name} photons: {count:,}, as ever: --photons is of the global map alone; theirs is --{name}-photons"
+        for name, is_there in maps.items()
+        if is_there and (count := getattr(settings, f"{name}_photons")) == getattr(plain, f"{name}_photons")
+    )
 
 
 def _with_light_samples(flat: FlatScene, settings: RenderSettings) -> RenderSettings:

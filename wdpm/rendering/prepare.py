@@ -239,7 +239,8 @@ def _planned(
     flat: FlatScene, automatic: ChosenSettings, team: int, launcher: Launcher, cells: int | None
 ) -> RenderPlan:
     """The plan of a team, by what was found out to choose its settings."""
-    return make_render_plan(flat, automatic.settings, team, launcher, cells, automatic.pilot, automatic.learnt)
+    found = (automatic.pilot, automatic.learnt, automatic.caustics)
+    return make_render_plan(flat, automatic.settings, team, launcher, cells, *found)
 
 
 def _allotment(automatic: ChosenSettings, view: View) -> Allotment:

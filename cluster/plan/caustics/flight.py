@@ -105,9 +105,14 @@ def caustic_photons(flat: FlatScene, settings: RenderSettings, pilot: PhotonPilo
     return found
 
 
-def other_photons(pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.bool_]]:
-    """Photons of all other light, their flux over the number of paths; and which of them came straight from a lamp."""
-    photons = photons_with_direct(pilot.world, pilot, OTHER_PATHS, OTHER_BOUNCES)
+def other_photons(flat: FlatScene, pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.bool_]]:
+    """Photons of all other light, their flux over the number of paths; and which of them came straight from a lamp.
+
+    They leave the lamps by power, however those of the pilot are shared out: what is learnt is the same beside photon
+    mapping, which a trial compares with, as in a render by paths.
+    """
+    world = replace(pilot.world, emission=pilot_emission(flat, aimed=False))
+    photons = photons_with_direct(world, pilot, OTHER_PATHS, OTHER_BOUNCES)
     return {**photons, "flux": photons["flux"] / np.float32(OTHER_PATHS)}, photons["edges"] == 1
 
 

@@ -56,16 +56,32 @@ LEAST_EDGES = 3
 
 
 @dataclass(frozen=True, eq=False)
+class Untaught:
+    """Caustic photons of which a guide by as many others was taught nothing.
+
+    Attributes:
+        photons: their flux over the number of paths.
+        brought: by a ray that goes on to where such a photon came from, as a radiance that one by the cosine would
+            bring: the less, the more often rays are drawn that way [photons].
+    """
+
+    photons: Arrays
+    brought: Values
+
+
+@dataclass(frozen=True, eq=False)
 class CausticsLearnt:
     """A guide, and what it is expected to bring.
 
     Attributes:
         guide: NO_CAUSTIC_GUIDE where it would not pay, or nothing was to be learnt.
         left: second moment with it over that without; 1 where none was tried.
+        untaught: photons that tried it, of a guide that pays.
     """
 
     guide: CausticGuide = NO_CAUSTIC_GUIDE
     left: float = 1.0
+    untaught: Untaught | None = None
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -98,11 +114,11 @@ def learn_caustics(flat: FlatScene, settings: RenderSettings, view: View, pilot:
     photons = caustic_photons(flat, settings, pilot)
     if photons is None:
         return NO_CAUSTICS_LEARNT
-    light = _light_at(photons, pilot)
-    left = _moment(photons, light, pilot.cell.replica.launcher)
+    light = _light_at(photons, flat, pilot)
+    left, untaught = _moment(photons, light, pilot.cell.replica.launcher)
     if not left <= WORTH:
         return CausticsLearnt(left=left)
-    return CausticsLearnt(guide_of(photons, light, pilot.cell.replica.launcher), left)
+    return CausticsLearnt(guide_of(photons, light, pilot.cell.replica.launcher), left, untaught)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +140,9 @@ class _Light:
         return _Light(self.caustics[rows], self.others[rows], self.lamps[rows])
 
 
-def _light_at(photons: CausticPhotons, pilot: PhotonPilot) -> _Light:
+def _light_at(photons: CausticPhotons, flat: FlatScene, pilot: PhotonPilot) -> _Light:
     """The light where photons landed."""
-    others, direct = other_photons(pilot)
+    others, direct = other_photons(flat, pilot)
 
     def irradiance(among: Arrays) -> Values:
         if not len(among["id"]):
@@ -209,11 +225,11 @@ def guide_of(photons: CausticPhotons, light: _Light, launcher: Launcher) -> Caus
     )
 
 
-def _moment(photons: CausticPhotons, light: _Light, launcher: Launcher) -> float:
+def _moment(photons: CausticPhotons, light: _Light, launcher: Launcher) -> tuple[float, Untaught]:
     """Second moment of what rays that go on bring, with what every other photon teaches over that without.
 
-    The rest of the photons try it. Each came with a radiance, and stands for the area that its flux lights. Places
-    count by the relative error of what they show, dark ones for less.
+    The rest of the photons try it, and are given back. Each came with a radiance, and stands for the area that its flux
+    lights. Places count by the relative error of what they show, dark ones for less.
     """
     lobes = _fitted(photons, light, divide(photons.position, LOBES_A_REGION), launcher)
     radiance = np.empty(len(photons))
@@ -221,7 +237,7 @@ def _moment(photons: CausticPhotons, light: _Light, launcher: Launcher) -> float
     teaching, trying = np.arange(0, len(photons), 2), np.arange(1, len(photons), 2)
     known = guide_of(photons.take(teaching), light.take(teaching), launcher)
     tried, seen, radiance = photons.take(trying), light.take(trying), radiance[trying]
-    cosine, (by_lobes, part) = tried.cosine, _densities(known, tried, launcher)
+    cosine, (by_lobes, part) = tried.cosine, _densities(known, tried.position, tried.direction, launcher)
     both = (1.0 - part) * cosine / np.pi + part * by_lobes
     without = seen.others**2 + seen.caustics * radiance * np.pi
     with_guide = seen.others**2 / (1.0 - part) + seen.caustics * radiance * cosine / both
@@ -230,19 +246,30 @@ def _moment(photons: CausticPhotons, light: _Light, launcher: Launcher) -> float
         tried.area(seen.caustics), square + square.mean(), out=np.zeros(len(tried)), where=square + square.mean() > 0
     )
     whole = float(weight @ without)
-    return float(weight @ with_guide) / whole if whole > 0 else 1.0
+    untaught = Untaught(tried.scaled(2.0).as_arrays(), radiance * cosine / np.pi / both)
+    return (float(weight @ with_guide) / whole if whole > 0 else 1.0), untaught
 
 
-def _densities(guide: CausticGuide, tried: CausticPhotons, launcher: Launcher) -> tuple[Values, Values]:
-    """With which lobes make the directions that photons came from, and the part of rays drawn from lobes there."""
-    device = launcher.device
-    pdf, part = (wp.empty(len(tried), dtype=wp.float32, device=device) for _ in range(2))
+def cosine_over_both(guide: CausticGuide, photons: Arrays, launcher: Launcher) -> Values:
+    """Of the directions that photons came from: density of rays that go on by the cosine, over that with a guide."""
+    by_lobes, part = _densities(guide, photons["position"], photons["direction"], launcher)
+    cosine = (photons["normal"] * photons["direction"]).sum(axis=1, dtype=np.float64) / np.pi
+    both = (1.0 - part) * cosine + part * by_lobes
+    return np.divide(cosine, both, out=np.ones(len(both)), where=(cosine > 0) & (both > 0))
+
+
+def _densities(
+    guide: CausticGuide, position: NDArray[np.float32], direction: NDArray[np.float32], launcher: Launcher
+) -> tuple[Values, Values]:
+    """With which lobes make some directions at some places, and the part of rays drawn from lobes there."""
+    device, count = launcher.device, len(position)
+    pdf, part = (wp.empty(count, dtype=wp.float32, device=device) for _ in range(2))
     launcher(
         caustic_guide.guided_pdfs,
-        len(tried),
+        count,
         guide=caustic_guide.upload(**vars(guide), device=device),
-        position=wp.array(tried.position, dtype=wp.vec3, device=device),
-        direction=wp.array(tried.direction, dtype=wp.vec3, device=device),
+        position=wp.array(position, dtype=wp.vec3, device=device),
+        direction=wp.array(direction, dtype=wp.vec3, device=device),
         pdf_out=pdf,
         part_out=part,
     )

@@ -32,8 +32,9 @@ class Trial:
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
         bias: of the global map, as relMSE: what it shows beyond what paths do, and beyond noise.
         caustic_grain: noise of a sample's caustics, as relMSE: samples of one pixel do not see the same of the map.
-        noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
-            [height, width].
+        noises: of a sample of each pixel: by photons, by paths as rendered, and the part of unguided ones that indirect
+            light makes, shape [height, width].
+        by_guided: figures of path tracing as it would be rendered, guided to caustics; None where it would not be.
     """
 
     by_photons: Figures
@@ -45,6 +46,12 @@ class Trial:
     bias: float
     caustic_grain: float
     noises: tuple[Values, Values, Values]
+    by_guided: Figures | None = None
+
+    @property
+    def as_rendered(self) -> Figures:
+        """Of path tracing, as it would be rendered."""
+        return self.by_paths if self.by_guided is None else self.by_guided
 
     def noise_by(self, settings: RenderSettings) -> float:
         """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from wdpm.cluster.guide import CausticGuide
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.map_worth import MapError
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
@@ -64,7 +65,7 @@ class Looks:
         caustic_grain: float = 0.0,
     ) -> Trial:
         """All that is known, with what photons tell: see Trial. Without that, at the best for photon mapping."""
-        weight = 1.0 / (self.truth**2 + self.epsilon)
+        weight = self._weight
         noises = (
             self.photons.noise(weight).mean(axis=2),
             self.paths.noise(weight).mean(axis=2),
@@ -72,8 +73,38 @@ class Looks:
         )
         lambertian = self.places.lambertian
         return Trial(
-            self.by_photons, self.by_paths, caustics, lambertian, unread, map_errors, bias, caustic_grain, noises
+            self.by_photons,
+            self.by_paths,
+            caustics,
+            lambertian,
+            unread,
+            map_errors,
+            bias,
+            caustic_grain,
+            noises,
         )
+
+    def guided_trial(self, trial: Trial, guided: Halves, caustics: PathCaustics) -> Trial:
+        """The same with path tracing that is guided to caustics, as photons tell it to be.
+
+        Its noise is that of paths which are not guided, where that is less: these hardly ever meet caustics of smooth
+        surfaces, whose noise photons tell. Guided ones do, and it would count twice.
+
+        Args:
+            guided: what it finds.
+            caustics: what it then makes of them.
+        """
+        figures = guided.figures(self._weight)
+        figures = replace(figures, noise=min(figures.noise, self.by_paths.noise))
+        by_photons, _, of_indirect = trial.noises
+        noises = (by_photons, guided.noise(self._weight).mean(axis=2), of_indirect)
+        return replace(trial, caustics=caustics, noises=noises, by_guided=figures)
+
+    @property
+    def _weight(self) -> Values:
+        """Of squared errors, as in relMSE."""
+        weight: Values = 1.0 / (self.truth**2 + self.epsilon)
+        return weight
 
 
 def look(flat: FlatScene, worker: CellWorker, photons: RenderSettings, paths: RenderSettings, learnt: Learnt) -> Looks:
@@ -84,8 +115,7 @@ def look(flat: FlatScene, worker: CellWorker, photons: RenderSettings, paths: Re
         learnt: how shadow rays choose among lights.
     """
     samples = 2 * min(max(photons.samples_of_pass, LEAST_SAMPLES), MOST_SAMPLES)
-    pixels = max(CHOICE_SAMPLES // samples, LEAST_PIXELS)
-    looking, places = replace(flat, camera=_few_pixels(flat.camera, pixels)), SeenPlaces()
+    looking, places = replace(flat, camera=_few_pixels(flat.camera, _pixels(samples))), SeenPlaces()
     worker.replica.observer = places
     left = noise_left(flat.camera.filter)
     photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), learnt, samples, left)
@@ -100,6 +130,24 @@ def look(flat: FlatScene, worker: CellWorker, photons: RenderSettings, paths: Re
     weight = 1.0 / (truth**2 + epsilon)
     by_photons, by_paths = photon_halves.figures(weight), path_halves.figures(weight)
     return Looks(places, photon_halves, path_halves, truth, epsilon, by_photons, by_paths, samples)
+
+
+def look_by_guided_paths(
+    flat: FlatScene, worker: CellWorker, looks: Looks, learnt: Learnt, guide: CausticGuide
+) -> Halves:
+    """The small image twice once more, by paths that are guided to caustics.
+
+    Args:
+        worker: that has the whole scene in one cell, and no photons.
+    """
+    looking = replace(flat, camera=_few_pixels(flat.camera, _pixels(looks.samples)))
+    left = noise_left(flat.camera.filter)
+    return Halves(looking, worker, looks.by_paths.settings, learnt, looks.samples, left, guide)
+
+
+def _pixels(samples: int) -> int:
+    """Of a trial of so many samples each."""
+    return max(CHOICE_SAMPLES // samples, LEAST_PIXELS)
 
 
 def _few_pixels(camera: Camera, pixels: int) -> Camera:

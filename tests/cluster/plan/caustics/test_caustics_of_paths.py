@@ -77,9 +77,10 @@ def test_what_it_leaves_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     moments = []
     moment = guide._moment
 
-    def told(*arguments: object) -> float:
-        moments.append(moment(*arguments))  # type: ignore[arg-type]
-        return moments[-1]
+    def told(*arguments: object) -> tuple[float, guide.Untaught]:
+        left, untaught = moment(*arguments)  # type: ignore[arg-type]
+        moments.append(left)
+        return left, untaught
 
     monkeypatch.setattr(guide, "_moment", told)
     assert len(guide_of(mirrored(0.03)))
