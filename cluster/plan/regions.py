@@ -38,8 +38,40 @@ class Regions:
         return found
 
 
+EVEN = 3
+"""A node's smaller part holds at least one of so many of its places, if any side can be cut so."""
+
+
+def _cut(places: NDArray[np.float32]) -> tuple[int, np.float32]:
+    """Axis and place of a cut that halves some places: along the longest side, or the next where that is uneven.
+
+    Of places on a wall most have one and the same coordinate: across it there is no halfway.
+    """
+    sides = places.max(axis=0) - places.min(axis=0)
+    best, most = (0, places[0, 0]), -1
+    for axis in (int(each) for each in np.argsort(-sides, kind="stable")):
+        along = places[:, axis]
+        split = _halfway(along)
+        left = int(np.count_nonzero(along < split))
+        smaller = min(left, len(places) - left)
+        if EVEN * smaller >= len(places):
+            return axis, split
+        if smaller > most:
+            best, most = (axis, split), smaller
+    return best
+
+
+def _halfway(along: NDArray[np.float32]) -> np.float32:
+    """What parts some numbers in two halves; where the least of them are half of all, these from the others."""
+    middle: np.float32 = np.partition(along, len(along) // 2)[len(along) // 2]
+    if middle > along.min() or middle == along.max():
+        return middle
+    above: np.float32 = along[along > middle].min()
+    return above
+
+
 def divide(places: NDArray[np.float32], least: int) -> Regions:
-    """Regions of at least about so many places each, halved along the longest side of what a node holds.
+    """Regions of at least about so many places each, halved along the longest side that can be halved.
 
     Args:
         places: float32, shape [N, 3].
@@ -51,9 +83,8 @@ def divide(places: NDArray[np.float32], least: int) -> Regions:
         own = inside[heap]
         if len(own):
             held = places[own]
-            axis[heap] = np.argmax(held.max(axis=0) - held.min(axis=0))
+            axis[heap], split[heap] = _cut(held)
             along = held[:, axis[heap]]
-            split[heap] = np.partition(along, len(own) // 2)[len(own) // 2]
         else:
             along = np.zeros(0, np.float32)
         left = along < split[heap]
