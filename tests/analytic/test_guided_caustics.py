@@ -14,6 +14,8 @@ from polygon_light import polygon_irradiance
 from wdpm.cluster.plan.caustics import guide
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.in_process import render_in_process
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Scene
 
 PATH = RenderSettings(integrator=Integrator.PATH, all_effects=True, max_depth=3)
 
@@ -31,17 +33,25 @@ def test_a_mirrored_lamp_lights_a_patch(place: tuple[float, float]) -> None:
     assert (np.abs(pixels.mean(axis=0) - exact) < 5 * error).all(), (pixels.mean(axis=0) - exact) / error
 
 
-def indirect(alpha: float, seeds: int, spp: int) -> np.ndarray:
+def under_a_point(alpha: float) -> Scene:
+    """The same wall of metal under a light without extent, which shadow rays find from there."""
+    scene = mirrored(alpha)
+    return replace(scene, meshes=scene.meshes[:2], lights=(PointLight("point", (-0.2, 1.0, 0.0), (1.0, 1.0, 1.0)),))
+
+
+def indirect(scene: Scene, seeds: int, spp: int) -> np.ndarray:
     """Of several renders, mean of RGB, shape [seeds, height, width]."""
-    images = [render_in_process(mirrored(alpha), replace(PATH, spp=spp, seed=s), workers=1) for s in range(seeds)]
+    images = [render_in_process(scene, replace(PATH, spp=spp, seed=s), workers=1) for s in range(seeds)]
     return np.array([image.layers["indirect"].mean(axis=2) for image in images], np.float64)
 
 
-@pytest.mark.parametrize("alpha", [0.02, 0.08])
-def test_a_rough_metal_has_the_same_mean_and_less_noise(alpha: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    guided = indirect(alpha, 4, 16)
+@pytest.mark.parametrize(
+    "scene", [mirrored(0.02), mirrored(0.08), under_a_point(0.08)], ids=["nearly a mirror", "rough", "point"]
+)
+def test_a_rough_metal_has_the_same_mean_and_less_noise(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    guided = indirect(scene, 4, 16)
     monkeypatch.setattr(guide, "WORTH", 0.0)
-    plain = indirect(alpha, 8, 256)
+    plain = indirect(scene, 8, 256)
     deviation = np.hypot(*(made.mean(axis=(1, 2)).std(ddof=1) / np.sqrt(len(made)) for made in (guided, plain)))
     assert abs(guided.mean() - plain.mean()) < 4.5 * deviation
     assert deviation < 0.1 * plain.mean()

@@ -1,4 +1,4 @@
-"""Photons that tell paths where caustics come from: of lamps that paths may meet, by all that is glossy."""
+"""Photons that tell paths where caustics come from that they may find."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
+from wdpm.cluster.plan.caustics.rough_alone import rough_alone
 from wdpm.cluster.plan.light_shares import pilot_emission
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, first_paths, flown_photons, in_world, photons_with_direct
 from wdpm.cluster.render_settings import RenderSettings
@@ -87,21 +88,38 @@ class CausticPhotons:
 def caustic_photons(flat: FlatScene, settings: RenderSettings, pilot: PhotonPilot) -> CausticPhotons | None:
     """Fly photons until they are WANTED, or as many paths as are worth it; None where there are hardly any.
 
+    Of lamps that a path may meet by all that is glossy, and of points, spots and suns by what is rough: shadow rays
+    find these from there.
+
     Args:
         pilot: whose worker flies them.
     """
-    world = _world_of_sized_lamps(flat, pilot)
-    if world is None:
-        return None
+    worlds = _worlds(flat, pilot)
+    most = MOST_PHOTONS // max(len(worlds), 1)
+    flown = [found for world in worlds if (found := _wanted_photons(world, flat, settings, pilot, most)) is not None]
+    if len(flown) < 2:
+        return flown[0] if flown else None
+    columns = {name: np.concatenate([vars(photons)[name] for photons in flown]) for name in vars(flown[0])}
+    return CausticPhotons(**columns)
+
+
+def _wanted_photons(
+    world: World, flat: FlatScene, settings: RenderSettings, pilot: PhotonPilot, looked_at: int
+) -> CausticPhotons | None:
+    """As caustic_photons, in a world.
+
+    Args:
+        looked_at: photons, at most.
+    """
     paths = first_paths(flat, settings)
-    found = _photons(world, paths, pilot)
+    found = _photons(world, paths, pilot, looked_at)
     if len(found) < FEWEST:
         return None
     samples = flat.camera.width * flat.camera.height * settings.samples_of_pass
     most = min(MOST_PATHS, max(paths, samples // SAMPLES_A_PATH))
     wanted = min(most, paths * WANTED // len(found))
     if wanted > paths:
-        found = _photons(world, wanted, pilot)
+        found = _photons(world, wanted, pilot, looked_at)
     return found
 
 
@@ -116,27 +134,26 @@ def other_photons(flat: FlatScene, pilot: PhotonPilot) -> tuple[Arrays, NDArray[
     return {**photons, "flux": photons["flux"] / np.float32(OTHER_PATHS)}, photons["edges"] == 1
 
 
-def _world_of_sized_lamps(flat: FlatScene, pilot: PhotonPilot) -> World | None:
-    """The pilot's world with caustic photons alone, of lamps that a path may meet; None if there are no such lamps."""
+def _worlds(flat: FlatScene, pilot: PhotonPilot) -> list[World]:
+    """The pilot's world with caustic photons alone that paths may find: of lamps with an extent, and of others."""
     lights = flat.lights
     sized = np.zeros(len(lights.power), np.bool_)
     sized[: len(lights.prim)] = True
     if lights.environment_pixels.size:
         sized[-1] = True
-    emission = pilot_emission(flat, aimed=True)
-    share = np.where(sized, emission.caustic_share, 0.0)
-    if not share.sum() > 0:
-        return None
-    return replace(
-        pilot.world,
-        emission=replace(emission, caustic_share=share / share.sum()),
-        global_map=MapPlan(0),
-        volume_map=MapPlan(0),
-    )
+    emission, every = pilot_emission(flat, aimed=True), (sized, ~sized)
+    worlds = []
+    for materials, lamps in zip((flat.materials, rough_alone(flat.materials)), every, strict=True):
+        share = np.where(lamps, emission.caustic_share, 0.0)
+        if materials is not None and share.sum() > 0:
+            shone = replace(emission, caustic_share=share / share.sum())
+            alone = replace(pilot.world, emission=shone, global_map=MapPlan(0), volume_map=MapPlan(0))
+            worlds.append(replace(alone, materials=materials))
+    return worlds
 
 
-def _photons(world: World, paths: int, pilot: PhotonPilot) -> CausticPhotons:
-    """What some paths store in a world, and where each of these photons set out."""
+def _photons(world: World, paths: int, pilot: PhotonPilot, looked_at: int) -> CausticPhotons:
+    """What some paths store in a world, and where each of these photons set out; of more than are looked at some."""
     with in_world(replace(world, caustic_map=MapPlan(paths)), pilot) as worker:
         stored = flown_photons(worker)[CAUSTIC_MAP]
         flight = emitted_photons(worker.replica, 0, paths)
@@ -153,7 +170,7 @@ def _photons(world: World, paths: int, pilot: PhotonPilot) -> CausticPhotons:
         near.astype(np.float32),
         far.astype(np.float32),
     )
-    step = max(-(-len(found) // MOST_PHOTONS), 1)
+    step = max(-(-len(found) // looked_at), 1)
     return found.take(np.arange(0, len(found), step)).scaled(step)
 
 

@@ -47,9 +47,15 @@ def test_of_metals_under_a_sky_those_that_mirror_a_bright_lamp_are_guided_to(
     assert bool(len(guide_of(scene))) == guided
 
 
-def without_lamp() -> Scene:
-    scene = mirrored()
+def without_lamp(alpha: float = 0.0) -> Scene:
+    scene = mirrored(alpha)
     return replace(scene, meshes=scene.meshes[:2], lights=(PointLight("point", (-0.2, 1.0, 0.0), (1.0, 1.0, 1.0)),))
+
+
+def test_of_lights_without_extent_those_in_rough_metals_are_guided_to() -> None:
+    """Shadow rays find them from there, and from nothing else that is glossy."""
+    assert len(guide_of(without_lamp(0.05)))
+    assert not len(guide_of(without_lamp()))
 
 
 @pytest.mark.parametrize(
