@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import warp as wp
@@ -63,6 +63,30 @@ def cache_folder() -> Path:
     """Where Warp keeps what it has compiled; a folder of its version."""
     wp.init()
     return Path(wp.config.kernel_cache_dir)
+
+
+def load_from_cache(modules: Sequence[wp.Module]) -> None:
+    """Load modules that are compiled. Of those that are in the cache but not whole nothing is left in it.
+
+    A machine that lost its power, or a disk that failed, leaves files there that are empty or cut off: without this, no
+    render would work until somebody removes them.
+    """
+    if not modules or _loads(modules):
+        return
+    for module in modules:
+        if not _loads([module]):
+            with suppress(FileNotFoundError):  # another process has found it broken, too
+                shutil.rmtree(cache_folder() / module.get_module_identifier(CPU_BLOCK))
+
+
+def _loads(modules: Sequence[wp.Module]) -> bool:
+    try:
+        wp.force_load("cpu", list(modules), max_workers=os.cpu_count())
+    except OSError:
+        raise
+    except Exception:  # Warp's own for an object file, JSON's for what is said of it
+        return False
+    return True
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import warp as wp
 
-from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded
+from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded, load_from_cache
 from wdpm.kernels.camera import add_samples, caustic_guide, filter_weights, guide_pilot, rays, shadow_rays, splats
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
@@ -170,11 +170,9 @@ def _shared_modules(features: Features) -> list[wp.Module]:
 
 def _load(device: str, modules: Sequence[wp.Module], on_compile: OnCompile | None) -> None:
     """Trees are built on the CPU wherever they are used, so all modules are loaded there, too."""
+    with cache_errors_in_words():
+        load_from_cache([module for module in modules if not is_loaded(module) and is_compiled(module)])
     compile_for_cpu(modules, on_compile)
-    rest = {"cpu": [module for module in modules if not is_loaded(module)]}
     if device != "cpu":
-        rest[device] = list(modules)
-    for place, missing in rest.items():
-        if missing:
-            with cache_errors_in_words():
-                wp.force_load(place, missing, max_workers=os.cpu_count())
+        with cache_errors_in_words():
+            wp.force_load(device, list(modules), max_workers=os.cpu_count())

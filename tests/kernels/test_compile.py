@@ -11,7 +11,7 @@ import warp as wp
 
 from wdpm.kernels import stand_ins
 from wdpm.kernels.cached import is_compiled, remove_half_made
-from wdpm.kernels.compile import COMMON, compile_for_cpu, kernels_for_all_scenes
+from wdpm.kernels.compile import COMMON, _load, compile_for_cpu, kernels_for_all_scenes
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import CAN_DO_WITHOUT, make_variants
 
@@ -54,6 +54,27 @@ def test_another_process_finds_in_the_cache_what_this_one_compiled(empty_cache: 
     for compiled in (empty_cache / module.get_module_identifier(1)).glob("*.o"):
         compiled.unlink()
     assert not is_compiled(module)
+
+
+@pytest.mark.parametrize("ending", [".o", ".meta"])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_what_lies_cut_off_in_the_cache_is_compiled_anew(ending: str, share: float, empty_cache: Path) -> None:
+    """As after a machine lost its power; others that are whole are loaded."""
+    number = round(10 * share) + 100 * len(ending)  # another each time: Warp has one module for equal kernels
+    broken, whole = small_module(number), small_module(number + 1)
+    compile_for_cpu([broken, whole])
+    for file in (empty_cache / broken.get_module_identifier(1)).glob(f"*{ending}"):
+        file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    for module in (broken, whole):
+        module.execs.clear()
+    told: list[int] = []
+    _load("cpu", [broken, whole], lambda count: lambda: told.append(count))
+    assert told == [1], "who waits is told so, of the broken one alone"
+    values = wp.zeros(3, dtype=wp.int32, device="cpu")
+    for module in (broken, whole):
+        (kernel,) = module.kernels.values()
+        wp.launch(kernel, dim=3, inputs=[values], device="cpu")
+    assert values.numpy().tolist() == [2 * number + 1] * 3
 
 
 def test_what_a_killed_compiler_left_is_removed_and_nothing_else(empty_cache: Path) -> None:
