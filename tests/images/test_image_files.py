@@ -354,6 +354,30 @@ def test_a_link_that_leads_back_to_itself_is_a_name_like_any_other(tmp_path: Pat
         check_apart([("the image", loop), ("the log", loop)])
 
 
+def test_a_link_stays_and_what_it_leads_to_is_written(image: Image, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk" / "old.png").write_bytes(b"old")
+    for name in ("old.png", "new.png"):
+        link = tmp_path / name
+        link.symlink_to(Path("disk") / name)
+        check_output_path(link)
+        image.save(link)
+        assert link.is_symlink()
+        assert load(tmp_path / "disk" / name).pixels.shape == image.pixels.shape
+    assert sorted(path.name for path in (tmp_path / "disk").iterdir()) == ["new.png", "old.png"]
+    (tmp_path / "lost.png").symlink_to(tmp_path / "nowhere" / "a.png")
+    with pytest.raises(ImageError, match=r"there is no folder .*nowhere: make it first"):
+        check_output_path(tmp_path / "lost.png")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_pipe_is_not_replaced(tmp_path: Path) -> None:
+    """Whoever reads from it would wait for ever."""
+    os.mkfifo(tmp_path / "pipe.exr")
+    with pytest.raises(ImageError, match=r"pipe\.exr: is no file but a device, a pipe or a socket"):
+        check_output_path(tmp_path / "pipe.exr")
+
+
 @pytest.mark.parametrize("extension", EVERY_FORMAT)
 def test_a_failed_write_leaves_the_old_file(
     extension: str, image: Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -127,7 +127,7 @@ def check_output_path(path: str | PathLike[str], extensions: tuple[str, ...] | N
         extensions: the endings allowed, or None for every image format.
 
     Raises:
-        ImageError: unknown extension, missing folder, a folder where the file should be, no right to write there.
+        ImageError: unknown extension, missing folder, something that is no file in its place, no right to write there.
     """
     path = Path(fsdecode(path))
     _check_extension(path, tuple(_FORMATS) if extensions is None else extensions)
@@ -146,8 +146,11 @@ def check_place(path: Path) -> None:
 def _check_place(path: Path) -> None:
     if path.is_dir():
         raise ImageError(f"{path}: is a folder, not a file")
+    path = _where(path)
     if not path.parent.is_dir():
         raise ImageError(f"{path}: there is no folder {path.parent}: make it first")
+    if path.exists() and not path.is_file():
+        raise ImageError(f"{path}: is no file but a device, a pipe or a socket, which no file may replace")
     if path.exists() and not os.access(path, os.W_OK):
         raise ImageError(f"{path}: is there already and write-protected")
     probe = _temporary(path)
@@ -190,12 +193,19 @@ def _png_chunk(kind: bytes, data: bytes) -> bytes:
 
 def write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
     """Have a file written beside its place, then move it there: it is there whole or not at all. Raises OSError."""
+    path = _where(path)
     temporary = _temporary(path)
     try:
         write_to(temporary)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _where(path: Path) -> Path:
+    """Where links lead: a file is moved to what they stand for, which may lie on another disk, not into their place."""
+    place = Path(os.path.realpath(path)) if path.is_symlink() else path
+    return path if place.is_symlink() else place  # a link that leads back to itself is a name like any other
 
 
 def _temporary(path: Path) -> Path:
