@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import socket
 import sys
 import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from patience import WAIT_S
 
+from wdpm.cli.monitoring import observers
 from wdpm.cluster.cluster_events import ClusterEvent
+from wdpm.monitoring import metrics_server
 from wdpm.monitoring.metrics import Metrics
+from wdpm.monitoring.metrics_server import AT_ONCE
 from wdpm.scenes.errors import SettingsError
+from wdpm.view.address import ViewAddress
 
 pytestmark = pytest.mark.processes
 
@@ -104,6 +111,32 @@ def test_tasks_and_bytes(metrics: Metrics) -> None:
     assert now["wdpm_result_bytes_received_total", "0"] == 64
     assert now["wdpm_cell_bytes_sent_total", "0"] == 140
     assert now["wdpm_slave_bytes_out", "0"] == 7
+
+
+def test_visitors_do_not_take_all_files_of_the_render(metrics: Metrics, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One too many is hung up on, one that says nothing is hung up on later, and nothing is said of either."""
+    monkeypatch.setattr(metrics_server._Visit, "timeout", 0.5)
+    told = StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
+    visitors = [socket.create_connection(("127.0.0.1", metrics.port), timeout=WAIT_S) for _ in range(AT_ONCE + 1)]
+    with suppress(ConnectionResetError):
+        assert visitors[-1].recv(1) == b""
+    for visitor in visitors:
+        with suppress(ConnectionResetError):
+            assert visitor.recv(1) == b""
+        visitor.close()
+    assert read(metrics)
+    assert told.getvalue() == ""
+
+
+def test_the_address_that_a_person_is_told_can_be_opened(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = argparse.Namespace(log=None, metrics=ViewAddress("::1", 0))
+    try:
+        with observers(arguments):
+            url = capsys.readouterr().err.removeprefix("wdpm: metrics: ").strip()
+            assert urllib.request.urlopen(url, timeout=WAIT_S).status == 200
+    except SettingsError as error:
+        pytest.skip(f"this machine has no IPv6: {error}")
 
 
 def test_a_port_that_is_taken() -> None:

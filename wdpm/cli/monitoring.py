@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from wdpm.cluster.cluster_events import ClusterObserver
@@ -51,7 +52,7 @@ def observers(args: argparse.Namespace) -> Iterator[tuple[ClusterObserver, ...]]
             metrics = Metrics(args.metrics.host, args.metrics.port)
             stack.callback(metrics.close)
             asked.append(metrics)
-            _tell(f"metrics: http://{args.metrics.host}:{metrics.port}/metrics")
+            _tell(f"metrics: http://{replace(args.metrics, port=metrics.port)}/metrics")
         yield tuple(asked)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from wdpm.cluster.cluster_events import ClusterEvent
+from wdpm.monitoring.metrics_server import MetricsServer
 from wdpm.scenes.errors import SettingsError
 
 SECONDS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
@@ -26,7 +27,7 @@ class Metrics:
 
     def __init__(self, host: str, port: int) -> None:
         try:
-            from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
+            from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, make_wsgi_app
         except ModuleNotFoundError:
             raise SettingsError("metrics need prometheus-client: pip install 'wdpm[metrics]'") from None
         self._registry = registry = CollectorRegistry()
@@ -50,7 +51,7 @@ class Metrics:
         }
         self._joined: set[object] = set()
         try:
-            self._server, self._thread = start_http_server(port, addr=host, registry=registry)
+            self._server = MetricsServer(host, port, make_wsgi_app(registry))
         except OSError as error:
             raise SettingsError(f"cannot serve metrics at {host}:{port}: {error.strerror}") from None
         self.port: int = self._server.server_port
@@ -101,6 +102,4 @@ class Metrics:
 
     def close(self) -> None:
         """Serve nothing any more."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._server.close()
