@@ -138,11 +138,9 @@ class RenderSettings:
         _at_least("spp", self.spp, 1)
         _at_least("passes", self.passes, 1)
         self._check_pass_samples()
-        for name in ("bucket", "light_samples"):
+        for name in ("bucket", "light_samples", "max_depth", "plan_samples"):
             if getattr(self, name) is not None:
                 _at_least(name, getattr(self, name), 1)
-        if self.max_depth is not None:
-            _at_least("max_depth", self.max_depth, 1)
         if not 0 <= self.seed < 2**32:
             raise SettingsError(f"seed is {self.seed}; expected an integer from 0 to 4294967295")
         shadow_rays = self.spp * (self.light_samples or MOST_SHADOW_RAYS)

@@ -22,6 +22,7 @@ from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
         ({"spp": "3"}, "spp is '3'; expected a whole number"),
         ({"spp": 2.5}, "spp is 2.5; expected a whole number"),
         ({"photons": None}, "photons is None; expected a whole number"),
+        ({"plan_samples": -1}, "plan_samples is -1; expected an integer of at least 1"),
         ({"radius": "wide"}, "radius is 'wide'; expected a number"),
         ({"strict": "no"}, "strict is 'no'; expected True or False"),
         ({"all_effects": None}, "all_effects is None; expected True or False"),
