@@ -53,6 +53,8 @@ def read_ply(file: Path) -> MeshData:
     polygons: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
     of_faces: dict[str, VertexAttribute] = {}
     for kind in kinds:
+        if kind.name == "vertex" and kind.has_lists:
+            raise SceneError("its vertices have lists (property list), which are not read: save it without them", file)
         if kind.has_lists:
             begin = reader.position
             found = reader.read_lists(kind, _CORNER_NAMES if kind.name == "face" else ())

@@ -160,6 +160,13 @@ def ply_bytes(order: str, real: str) -> bytes:
     return header + body + struct.pack(f"{order}BB4iBB3ii", 7, 4, 0, 1, 2, 3, 7, 3, 0, 1, 2, 5)
 
 
+def test_lists_of_vertices_are_no_empty_mesh(tmp_path: Path) -> None:
+    file = tmp_path / "m.ply"
+    file.write_bytes(ply_bytes("", "f").replace(b"element face", b"property list uchar int junk\nelement face"))
+    with pytest.raises(SceneError, match=r"m\.ply: its vertices have lists \(property list\), which are not read"):
+        read_ply(file)
+
+
 @pytest.mark.parametrize("order", ["<", ">", ""])
 @pytest.mark.parametrize("real", ["f", "d"])
 def test_ply(tmp_path: Path, order: str, real: str) -> None:
