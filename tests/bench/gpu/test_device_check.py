@@ -161,11 +161,10 @@ def test_every_kernel_is_compared() -> None:
     kernels = device_check.compare_kernels("cpu", SilentProgress())
     assert {name: str(record.first) for name, record in kernels.items() if record.differing} == {}
     unseen = set(device_check.all_kernels(trees=False)) - kernels.keys()
-    # Neither the master has a device, nor what looks at a scene before it is sent.
-    of_the_master = {"clamp_records", "smooth", "shorten", "typical_variances", "find_neighbours"}
-    of_the_host = {"find_fronts", "_join"}
+    # Neither the master has a device, nor what looks at a scene before it is sent, nor who teaches a guide to caustics.
+    on_the_host = {"find_neighbours", "find_fronts", "_join", "fit_lobes", "guided_pdfs"}
     under_the_sky = {"numbers_of_paths"}  # where few photons come indoors
-    assert unseen == {"_fill_rows", "_fill_columns", *of_the_master, *of_the_host, *under_the_sky}
+    assert unseen == {"_fill_rows", "_fill_columns", *on_the_host, *under_the_sky}
 
 
 def test_a_budget_holds_for_kernels_as_for_images(monkeypatch: pytest.MonkeyPatch) -> None:
