@@ -126,6 +126,15 @@ ROULETTE_FROM_OF_GATHERS = wp.constant(2)
 """The same of gather rays that go on by diffuse surfaces without any irradiance to read: hardly a photon landed there,
 so little light is at stake, and each further bounce costs a round through all cells."""
 
+WEAK_REFLECTION = wp.constant(0.1)
+"""Throughput below which Russian roulette ends paths of photon mapping sooner, in proportion to it.
+
+What diffuse parts show is known where a path arrives, so it goes on by what coats reflect alone, a twentieth or so. The
+first such ray is always traced, as what mirrors show must not be noisy; a reflection in a reflection adds little."""
+
+WEAK_REFLECTION_OF_GATHERS = wp.constant(0.5)
+"""The same of gather rays, many of which are averaged, from where they arrive on."""
+
 SURVIVAL_MOST = wp.constant(0.95)
 """Largest probability of survival: between two perfect mirrors, 400 vertices are then reached once in 10^9 paths."""
 

@@ -1,8 +1,9 @@
 """Where indirect light comes from when nobody says: `--indirect auto`.
 
-Final gathering with the irradiance cache is the least error for the time on Lambertian surfaces, once there are samples
-enough to repay the gather rays of the records. Where light is scattered by media, or most diffuse surfaces have a coat
-or bumps, which no record serves, the photon map is read where the camera path meets it.
+Final gathering with the irradiance cache is the least error for the time on surfaces that reflect nearly alike,
+wherever light comes from, once there are samples enough to repay the gather rays of the records. Where light is
+scattered by media, or most diffuse surfaces have a coat, bumps or sheen, which no record serves, the photon map is read
+where the camera path meets it.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from wdpm.cluster.integrators.indirect import Indirect
 from wdpm.scenes.flat.flatten import FlatScene
-from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
+from wdpm.scenes.flat.material_sides import even_sides, gathering_sides
 from wdpm.scenes.flat.used_media import calls_for_media
 from wdpm.scenes.flat.whole import area_by_material
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 SAMPLES_TO_REPAY = 1 << 17
 """Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""
 
-LAMBERTIAN_SHARE = 0.5
+EVEN_SHARE = 0.5
 """Of the area that is diffuse at all."""
 
 
@@ -45,13 +46,13 @@ def _choice(flat: FlatScene, settings: IntegratorSettings, wanted: bool) -> tupl
     samples = flat.camera.width * flat.camera.height * settings.samples_of_pass
     if samples < SAMPLES_TO_REPAY:
         return Indirect.MAP, f"{samples:,} samples are too few to repay gathering (from {SAMPLES_TO_REPAY:,} on)"
-    share = _lambertian_share(flat)
-    if share < LAMBERTIAN_SHARE:
-        return Indirect.MAP, f"{1 - share:.0%} of the diffuse surface has a coat or bumps"
-    return Indirect.CACHE, f"{share:.0%} of the diffuse surface is Lambertian"
+    share = _even_share(flat)
+    if share < EVEN_SHARE:
+        return Indirect.MAP, f"{1 - share:.0%} of the diffuse surface has a coat, bumps or sheen"
+    return Indirect.CACHE, f"{share:.0%} of the diffuse surface reflects light alike, wherever it comes from"
 
 
-def _lambertian_share(flat: FlatScene) -> float:
+def _even_share(flat: FlatScene) -> float:
     """Of the area on which photons are stored, that which irradiance records serve."""
     from wdpm.kernels.launch import Launcher  # needs Warp, which a command that is only asked for help does not import
     from wdpm.kernels.rays.instance_areas import InstanceAreas
@@ -61,5 +62,5 @@ def _lambertian_share(flat: FlatScene) -> float:
     areas = InstanceAreas(instances, upload_instances(instances, "cpu"), Launcher())
     area = area_by_material(flat.triangles, len(flat.materials), areas.of)
     diffuse = area[gathering_sides(flat.materials) != 0].sum()
-    served = area[lambertian_sides(flat.materials) != 0].sum()
+    served = area[even_sides(flat.materials) != 0].sum()
     return float(served / diffuse) if diffuse > 0 else 0.0

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.integrators.indirect_choice import LAMBERTIAN_SHARE
+from wdpm.cluster.integrators.indirect_choice import EVEN_SHARE
 from wdpm.cluster.plan.cache_worth import unread_at
 from wdpm.cluster.plan.caustics.guide import CausticsLearnt, learn_caustics
 from wdpm.cluster.plan.effects import features_of, has_caustics
@@ -241,9 +241,9 @@ def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: Re
     """With indirect light from where it comes with the least error for its price, as it is seen, and in words why."""
     over_wide = _is_over_wide(trial, plans)
     by_map = _by_photons(flat, plans, trial, photons)
-    if trial.lambertian < LAMBERTIAN_SHARE and not over_wide:
-        return by_map, f"indirect light: map, since {1 - trial.lambertian:.0%} of what is seen has a coat or bumps"
-    rays = Indirect.CACHE if trial.lambertian >= LAMBERTIAN_SHARE else Indirect.GATHER
+    if trial.even < EVEN_SHARE and not over_wide:
+        return by_map, f"indirect light: map, since {1 - trial.even:.0%} of what is seen has a coat or sheen"
+    rays = Indirect.CACHE if trial.even >= EVEN_SHARE else Indirect.GATHER
     by_rays = _by_photons(flat, plans, trial, replace(photons, indirect=rays))
     of_map, of_rays = by_map.way.as_seen, by_rays.way.as_seen
     best, other = (by_rays, of_map) if of_rays.is_better_than(of_map) else (by_map, of_rays)

@@ -20,7 +20,6 @@ from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import IrradiancePlan, MapPlan, View
 from wdpm.kernels import columns
-from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera, PixelFilter
 
@@ -76,30 +75,29 @@ class SeenPlaces:
     """An observer of a worker (cluster.work.replica.Observer) that keeps where camera paths ask for photons.
 
     Attributes:
-        lambertian: the share of these places at which nothing but a diffuse part reflects; 1 of none.
+        even: the share of these places whose diffuse part irradiance tells of (LeafKind.even); 1 of none.
     """
 
     def __init__(self) -> None:
         none: dict[str, NDArray[Any]]  # where the camera sees nothing but sky, nobody asks
         none = {name: np.zeros((0, 3), np.float32) for name in ("position", "normal", "weight")}
-        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32), "sample": np.zeros(0, np.int32)}
+        none |= {"even": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32), "sample": np.zeros(0, np.int32)}
         self._found: list[Mapping[str, NDArray[Any]]] = [none]
 
     @property
-    def lambertian(self) -> float:
-        plain = np.concatenate([found["plain"] for found in self._found])
-        return float(plain.mean()) if len(plain) else 1.0
+    def even(self) -> float:
+        even = np.concatenate([found["even"] for found in self._found])
+        return float(even.mean()) if len(even) else 1.0
 
     def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
         queries = shaded.queries
         asks = queries.weight.numpy().max(axis=1) > 0
         found: dict[str, NDArray[Any]]
         found = {name: getattr(queries, name).numpy()[asks] for name in ("position", "normal", "weight")}
-        found["plain"] = np.ones(len(found["weight"]), np.bool_)
+        found["even"] = np.ones(len(found["weight"]), np.bool_)
         if columns.are_there(shaded.coats):
-            kind, color = (columns.member(shaded.coats, "bsdf", name)[asks] for name in ("kind", "color"))
-            found["plain"] = kind == int(DIFFUSE)
-            found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
+            found["even"] = columns.column(shaded.coats, "even")[asks]
+            found["weight"] = found["weight"] * columns.column(shaded.coats, "reflectance")[asks]
         self._found.append(found | {name: getattr(rays, name).numpy()[asks] for name in ("pixel", "sample")})
 
     def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:

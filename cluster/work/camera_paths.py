@@ -31,7 +31,6 @@ from wdpm.kernels.camera import vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays
-from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.ray_fields import HIT
 from wdpm.kernels.rays.cell_triangles import Surfaces
@@ -354,10 +353,11 @@ class CameraPaths:
         """Indirect light that is known at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
-        lambertian = self._lambertian(shaded, actions)
+        even = self._even(shaded, actions)
         # What other surfaces reflect depends on where the light comes from: these vertices ask the photons themselves.
-        asks = actions.by_photons & (~lambertian | actions.by_length)
-        radiance = actions.lambertian(columns.column(shaded.queries, "weight"), lambertian & ~asks)
+        asks = actions.by_photons & (~even | actions.by_length)
+        reflectance = columns.column(shaded.coats, "reflectance") if self._replica.world.features.coated else None
+        radiance = actions.reflected(columns.column(shaded.queries, "weight"), reflectance, even & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance
@@ -366,15 +366,14 @@ class CameraPaths:
         """Light of the caustic map beyond the first surface; irradiance that was computed ahead has it in it."""
         asks = None
         if actions is not None:
-            asks = ~(actions.by_photons & self._lambertian(shaded, actions) & ~actions.by_length)
+            asks = ~(actions.by_photons & self._even(shaded, actions) & ~actions.by_length)
         return self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, asks)
 
-    def _lambertian(self, shaded: Any, actions: Actions) -> NDArray[np.bool_]:
-        """Which vertices reflect by a diffuse part alone, shape [N]."""
+    def _even(self, shaded: Any, actions: Actions) -> NDArray[np.bool_]:
+        """Of which vertices irradiance tells what the diffuse part reflects, shape [N]."""
         if not self._replica.world.features.coated:
             return np.ones(len(actions.codes), np.bool_)
-        lambertian: NDArray[np.bool_] = columns.member(shaded.coats, "bsdf", "kind") == int(DIFFUSE)
-        return lambertian
+        return columns.column(shaded.coats, "even")
 
     def _part(self, runs: Runs, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Batch:
         """One part of each vertex, where it is not black, without credit."""

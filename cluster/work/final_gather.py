@@ -81,17 +81,23 @@ class Actions:
     radiance: NDArray[np.float32]
     length: NDArray[np.float32]
 
-    def lambertian(self, weight: NDArray[np.float32], among: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Light that Lambertian surfaces reflect of what was read, float32, shape [N, 3].
+    def reflected(
+        self, weight: NDArray[np.float32], reflectance: NDArray[np.float32] | None, among: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """Light that even diffuse parts reflect of what was read, float32, shape [N, 3].
 
         Args:
             weight: of the vertices' queries.
+            reflectance: of their coats, None where there are none.
             among: the vertices that this is asked of.
         """
         reads = among & (self.codes != int(vertices.TRACE_ON))
+        radiance = weight * self.radiance
+        if reflectance is not None:
+            radiance *= reflectance
         if reads.all():
-            return weight * self.radiance
-        return np.where(reads[:, None], weight * self.radiance, np.float32(0.0)).astype(np.float32)
+            return radiance
+        return np.where(reads[:, None], radiance, np.float32(0.0)).astype(np.float32)
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
         """Those of some vertices, ascending."""
@@ -166,7 +172,7 @@ class FinalGather:
             paths, arrays: see decide; without a diffuse scattering so far.
         """
         count = len(arrays["slot"])
-        sides = columns.array_over(self._replica.lambertian_sides, wp.int32, self._replica.launcher.device)
+        sides = columns.array_over(self._replica.even_sides, wp.int32, self._replica.launcher.device)
         told, seconds = self._tell(read_records, OF_RECORDS, count, cache=cache, sides=sides, paths=paths)
         self.counters.interpolated_s += seconds
         covered = int(np.count_nonzero(told["code"] == int(vertices.CACHED)))
@@ -337,7 +343,7 @@ class FinalGather:
     def _cacheable(self, places: Any) -> NDArray[np.bool_]:
         """Where the diffuse part is Lambertian, on the seen side."""
         material, front = np.divmod(columns.column(places, "side"), 2)
-        seen: NDArray[np.bool_] = (self._replica.lambertian_sides[material] & (2 - front)) != 0
+        seen: NDArray[np.bool_] = (self._replica.even_sides[material] & (2 - front)) != 0
         return seen
 
     def _some(self, places: Any, names: tuple[str, ...], rows: NDArray[np.intp]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.variants import Variants
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.material_sides import lambertian_sides
+from wdpm.scenes.flat.material_sides import even_sides
 from wdpm.scenes.model.scene import Camera
 
 
@@ -72,7 +72,7 @@ class Replica:
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         cells, textures, media, materials, lights: structs of kernels.rays.cells, materials.texture, materials.medium,
             materials.nodes and lights.elements, on the device.
-        lambertian_sides: of each material, as scenes.flat.material_sides has them.
+        even_sides: of each material, as scenes.flat.material_sides has them.
         emit_scene: what emission needs.
         tiled_sky: the environment as guides divide it.
         camera: kernels.camera.camera.CameraView of the view.
@@ -85,7 +85,7 @@ class Replica:
     outputs: Features
     emit_scene: EmitScene
     materials: Any
-    lambertian_sides: NDArray[np.int32]
+    even_sides: NDArray[np.int32]
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Replica:
     def update_materials(self) -> None:
         """Upload the materials of the World, which have changed."""
         self.materials = resolve.upload(self.world.materials, self.launcher.device)
-        self.lambertian_sides = lambertian_sides(self.world.materials)
+        self.even_sides = even_sides(self.world.materials)
 
     def update_emission(self) -> None:
         """Start photons as the World says: shares of the lights, steering, and what the caustic pass aims at."""

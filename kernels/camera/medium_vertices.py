@@ -169,6 +169,6 @@ def make_shade_medium(features: Features) -> wp.Function:
         onward.diffuse = diffuse
         if max_depth == 0 or p.edges + 1 <= max_depth:
             onward.throughput = scattered
-        carry_on(p, onward, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM, 1.0, seed, shaded_out.paths)
+        carry_on(p, onward, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM, 1.0, 0.0, seed, shaded_out.paths)
 
     return shade_medium

@@ -35,6 +35,8 @@ from wdpm.kernels.constants import (
     ROULETTE_FROM_OF_GATHERS,
     ROULETTE_FROM_OF_PATHS,
     SURVIVAL_MOST,
+    WEAK_REFLECTION,
+    WEAK_REFLECTION_OF_GATHERS,
 )
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
@@ -188,6 +190,13 @@ def make_go_on(features: Features) -> wp.Function:
                 roulette_from = ROULETTE_FROM_OF_PATHS
             if orders.diffuse_light == BY_FINAL_GATHER and by_diffuse and p.diffuse > 0:
                 roulette_from = ROULETTE_FROM_OF_GATHERS
-        carry_on(p, onward, roulette_from, SURVIVAL_MOST, worth, seed, paths_out)
+        weak = wp.float32(0.0)
+        if wp.static(features.glossy):
+            if orders.diffuse_light != BY_PATHS and not by_diffuse and straight == 0:
+                if p.diffuse > 0:
+                    weak = WEAK_REFLECTION_OF_GATHERS
+                elif p.bounce > 0:
+                    weak = WEAK_REFLECTION
+        carry_on(p, onward, roulette_from, SURVIVAL_MOST, worth, weak, seed, paths_out)
 
     return go_on

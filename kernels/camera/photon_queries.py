@@ -21,7 +21,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 @functools.cache
 def make_query(features: Features) -> wp.Function:
     """The function `query` for surfaces with a set of features."""
-    has_diffuse = make_bsdf(features).has_diffuse
+    bsdf = make_bsdf(features)
+    has_diffuse = bsdf.has_diffuse
+    is_even = bsdf.is_even
+    reflectance = bsdf.reflectance
     clearance = make_triangles(features.instances).clearance
 
     @wp.func
@@ -67,6 +70,10 @@ def make_query(features: Features) -> wp.Function:
                 coats_out.t[i] = s.t
                 coats_out.n[i] = s.n
                 coats_out.w_from[i] = w_from
+                coats_out.even[i] = is_even(s.bsdf)
+                coats_out.reflectance[i] = wp.vec3(1.0)
+                if s.bsdf.kind != DIFFUSE:
+                    coats_out.reflectance[i] = reflectance(s.bsdf, w_from)
         return albedo
 
     return query

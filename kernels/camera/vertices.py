@@ -91,6 +91,8 @@ class Coats:
     Attributes:
         bsdf, s, t, n, w_from: material, local frame, direction to the viewer in it.
         unbent, bumps2: as in surface.Surface.
+        even: whether irradiance tells what the diffuse part reflects, wherever the light comes from.
+        reflectance: what the irradiance / pi counts for then, besides the query's weight.
     """
 
     bsdf: wp.array[Bsdf]
@@ -100,6 +102,8 @@ class Coats:
     w_from: wp.array[wp.vec3]
     unbent: wp.array[wp.vec3]
     bumps2: wp.array[wp.float32]
+    even: wp.array[wp.bool]
+    reflectance: wp.array[wp.vec3]
 
 
 @columns_of(SHOT)
@@ -220,6 +224,7 @@ def carry_on(
     roulette_from: wp.int32,
     survival_most: wp.float32,
     worth: wp.float32,
+    weak: wp.float32,
     seed: wp.uint32,
     paths_out: wp.ref[Paths],
 ) -> None:
@@ -231,10 +236,15 @@ def carry_on(
         roulette_from: vertices before Russian roulette begins.
         survival_most: largest probability of survival.
         worth: radiance that is expected along the ray, over that along others.
+        weak: throughput below which it begins at once; 0 for none.
     """
     carries = onward.throughput
-    if wp.max(carries) > 0.0 and p.bounce >= roulette_from:
+    survival = wp.float32(1.0)
+    if p.bounce >= roulette_from:
         survival = wp.min(survival_most, wp.max(carries) * worth)
+    elif weak > 0.0:
+        survival = wp.min(wp.max(carries) / weak, 1.0)
+    if wp.max(carries) > 0.0 and survival < 1.0:
         if number_1d(seed, p, ROULETTE) < survival:
             carries = carries / survival
         else:
@@ -303,4 +313,4 @@ def shoot(p: Vertex, orders: Orders, j: wp.int32, shot: Shot, shots_out: wp.ref[
 def nothing_goes_on(p: Vertex, seed: wp.uint32, paths_out: wp.ref[Paths]) -> None:
     """A path ends at a vertex."""
     ended = path_from(p)
-    carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, 1.0, seed, paths_out)
+    carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, 1.0, 0.0, seed, paths_out)

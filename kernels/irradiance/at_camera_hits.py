@@ -38,7 +38,7 @@ def read_records(
     """What a white Lambertian surface reflects by irradiance records.
 
     Args:
-        sides: of each material, as scenes.flat.material_sides.lambertian_sides has them.
+        sides: of each material, as scenes.flat.material_sides.even_sides has them.
         paths: without a diffuse scattering so far, whose final hits lie in this cell.
         code_out: CACHED where a record reaches, else TRACE_ON.
         value_out: radiance; zero where none reaches.

@@ -3,6 +3,8 @@
 What each function takes and gives, here and in the module of each material (types.py has directions and modes):
 
 * `eval_diffuse(b, w_from, w_to) -> vec3`: diffuse part of the scattering function [1/sr], without the cosine.
+* `is_even(b) -> bool`: whether the diffuse part reflects nearly alike, wherever light comes from.
+* `reflectance(b, w_from) -> vec3`: what it reflects of light that arrives alike from all sides, over its radiance.
 * `eval_glossy(b, w_from, w_to, mode) -> vec3`: glossy part times |cos(w_to)|; deltas are left out.
 * `pdf_glossy(b, w_from, w_to) -> float`: pdf_solid_angle with which `sample_glossy` makes w_to; deltas are left out.
 * `sample_glossy(b, w_from, u_lobe, u, mode) -> BsdfSample`: a direction of the glossy part.
@@ -42,6 +44,8 @@ class BsdfCode:
     has_diffuse: wp.Function
     eval_diffuse: wp.Function
     probability_diffuse: wp.Function
+    is_even: wp.Function
+    reflectance: wp.Function
     eval_glossy: wp.Function
     pdf_glossy: wp.Function
     sample_glossy: wp.Function
@@ -110,6 +114,8 @@ def make_bsdf(features: Features) -> BsdfCode:
         diffuse.has_diffuse,
         eval_diffuse,
         probability_diffuse,
+        diffuse.is_even,
+        diffuse.reflectance,
         eval_glossy,
         pdf_glossy,
         sample_glossy,
@@ -122,12 +128,15 @@ def make_bsdf(features: Features) -> BsdfCode:
 def _make_diffuse(features: Features) -> DiffusePart:
     """Functions of the diffuse part: each leaf's own, by kind."""
     has, evaluate, probability = _has_none, _eval_none, _probability_none
+    even, reflected = _has_none, _reflectance_none
     for leaf in reversed(leaves_of(features)):
         part = leaf.diffuse
         if part is not None:
             has = _has_of(leaf.kind, part.has_diffuse, has)
             evaluate = _eval_diffuse_of(leaf.kind, part.eval_diffuse, evaluate)
             probability = _probability_of(leaf.kind, part.probability_diffuse, probability)
+            even = _has_of(leaf.kind, part.is_even, even)
+            reflected = _reflectance_of(leaf.kind, part.reflectance, reflected)
 
     @wp.func
     def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
@@ -141,7 +150,13 @@ def _make_diffuse(features: Features) -> DiffusePart:
             return probability(b, w_from)
         return 0.0
 
-    return DiffusePart(has, eval_diffuse, probability_diffuse)
+    @wp.func
+    def reflectance(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
+        if w_from[2] > 0.0:
+            return reflected(b, w_from)
+        return wp.vec3(0.0)
+
+    return DiffusePart(has, eval_diffuse, probability_diffuse, even, reflectance)
 
 
 def _make_glossy(features: Features) -> tuple[wp.Function, wp.Function, wp.Function]:
@@ -176,6 +191,11 @@ def _probability_none(b: Bsdf, w_from: wp.vec3) -> wp.float32:
 
 
 @wp.func
+def _reflectance_none(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
+    return wp.vec3(0.0)
+
+
+@wp.func
 def _eval_glossy_none(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
     return wp.vec3(0.0)
 
@@ -191,13 +211,25 @@ def _sample_none(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode:
 
 
 def _has_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
+    """Of has_diffuse and is_even."""
+
     @wp.func
-    def has_diffuse(b: Bsdf) -> bool:
+    def has(b: Bsdf) -> bool:
         if b.kind == kind:
             return own(b)
         return others(b)
 
-    return has_diffuse
+    return has
+
+
+def _reflectance_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
+    @wp.func
+    def reflectance(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
+        if b.kind == kind:
+            return own(b, w_from)
+        return others(b, w_from)
+
+    return reflectance
 
 
 def _eval_diffuse_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:

@@ -37,6 +37,18 @@ def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
     return 1.0
 
 
+@wp.func
+def is_even(b: Bsdf) -> bool:
+    """Exactly."""
+    return True
+
+
+@wp.func
+def reflectance(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
+    """The albedo."""
+    return b.color
+
+
 @functools.cache
 def make_diffuse(features: Features) -> LeafCode:
     """The code of DIFFUSE."""
@@ -51,4 +63,5 @@ def make_diffuse(features: Features) -> LeafCode:
         b.color = value(materials, textures, node, _REFLECTANCE, uv, color)
         return b
 
-    return LeafCode(int(DIFFUSE), read, DiffusePart(has_diffuse, eval_diffuse, probability_diffuse))
+    part = DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance)
+    return LeafCode(int(DIFFUSE), read, part)

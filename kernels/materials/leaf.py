@@ -18,11 +18,16 @@ class DiffusePart:
         has_diffuse: `(b) -> bool`, whether a leaf of the kind has one.
         eval_diffuse: for directions in front of the surface; it is not asked about others.
         probability_diffuse: likewise for w_from.
+        is_even: `(b) -> bool`, whether it reflects nearly alike, wherever light comes from (LeafKind.even).
+        reflectance: `(b, w_from) -> vec3`, what it reflects towards w_from, in front of the surface, of light that
+            arrives alike from all sides, over the radiance of that.
     """
 
     has_diffuse: wp.Function
     eval_diffuse: wp.Function
     probability_diffuse: wp.Function
+    is_even: wp.Function
+    reflectance: wp.Function
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ reflects back inside) and crosses it once more:
     f = T(w_from) T(w_to) / (pi eta²) * color / (1 - R),    R = internal reflectance (times color where nonlinear)
 
 What depends on the material only is computed when a scene is loaded (plastic_coat.py) and takes the place of
-what plastic has no use for: eta[1] is the internal reflectance, (transmittance, k) are the coefficients c0 to c5 of a
-rough coat's T. Roughness is isotropic: alpha[0].
+what plastic has no use for: eta[1] is the internal reflectance, eta[2] the mean of T over diffuse light,
+(transmittance, k) are the coefficients c0 to c5 of a rough coat's T. Roughness is isotropic: alpha[0].
 """
 
 from __future__ import annotations
@@ -87,6 +87,12 @@ def has_diffuse(b: Bsdf) -> bool:
     return True
 
 
+@wp.func
+def is_even(b: Bsdf) -> bool:
+    """Of light that grazes it, the coat lets little through."""
+    return False
+
+
 @cache
 def make_plastic(features: Features) -> LeafCode:
     """The code of PLASTIC."""
@@ -101,7 +107,8 @@ def make_plastic(features: Features) -> LeafCode:
         b.distribution = materials.distribution[node]
         b.specular = value(materials, textures, node, _SPECULAR, uv, color)
         b.color = value(materials, textures, node, _DIFFUSE, uv, color)
-        b.eta = wp.vec3(materials.value[node, _ETA][0], materials.value[node, _INTERNAL][0], 0.0)
+        inside = materials.value[node, _INTERNAL]
+        b.eta = wp.vec3(materials.value[node, _ETA][0], inside[0], inside[2])
         alpha = materials.value[node, _ALPHA][0]
         b.alpha = wp.vec2(alpha, alpha)
         b.nonlinear = wp.int32(materials.value[node, _NONLINEAR][0])
@@ -118,15 +125,23 @@ def make_plastic(features: Features) -> LeafCode:
         return 1.0 - fresnel_dielectric(mu, b.eta[0]).reflectance
 
     @wp.func
+    def of_base(b: Bsdf, scale: wp.float32) -> wp.vec3:
+        """What the base makes of light that is scaled by how it crosses the coat."""
+        inside = b.eta[1]
+        scaled = scale / (b.eta[0] * b.eta[0])
+        if b.nonlinear == 0:
+            return b.color * (scaled / (1.0 - inside))
+        return wp.cw_div(b.color * scaled, wp.vec3(1.0) - b.color * inside)
+
+    @wp.func
     def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
         if w_from[2] <= 0.0 or w_to[2] <= 0.0:
             return wp.vec3(0.0)
-        through = transmittance(b, w_from[2]) * transmittance(b, w_to[2])
-        inside = b.eta[1]
-        scale = through * INV_PI / (b.eta[0] * b.eta[0])
-        if b.nonlinear == 0:
-            return b.color * (scale / (1.0 - inside))
-        return wp.cw_div(b.color * scale, wp.vec3(1.0) - b.color * inside)
+        return of_base(b, transmittance(b, w_from[2]) * transmittance(b, w_to[2]) * INV_PI)
+
+    @wp.func
+    def reflectance(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
+        return of_base(b, transmittance(b, w_from[2]) * b.eta[2])
 
     @wp.func
     def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
@@ -185,6 +200,6 @@ def make_plastic(features: Features) -> LeafCode:
     return LeafCode(
         int(PLASTIC),
         read,
-        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse),
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance),
         GlossyPart(sample_glossy, eval_glossy, pdf_glossy),
     )

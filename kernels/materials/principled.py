@@ -4,11 +4,9 @@ Sources: Burley 2012, "Physically Based Shading at Disney", and Burley 2015, "Ex
 Integrated Subsurface Scattering", in the form that Mitsuba 3.9 gives them (its clearcoat has no 1 / (4 cos cos), its
 metal reflects nothing where eta is exactly 1, and its sheen needs some diffuse reflection).
 
-Diffuse part, front only: Disney's diffuse lobe with retro-reflection, the fake subsurface lobe (flatness), sheen. Or
-(layered) a Lambertian surface, lit by what the facets between two directions do not reflect (glTF 2.0, appendix B),
-and sheen. It is there where metallic < 1 and spec_trans < 1. Glossy part: the main microfacet lobe (GGX), which
-reflects as a dielectric, tinted dielectric or metal, and transmits where spec_trans > 0; and the clearcoat (GTR1, a
-Smith masking of alpha 1/4). The back scatters only where spec_trans > 0.
+Diffuse part, front only, where metallic < 1 and spec_trans < 1: see principled_base. Glossy part: the main microfacet
+lobe (GGX), which reflects as a dielectric, tinted dielectric or metal, and transmits where spec_trans > 0; and the
+clearcoat (GTR1, a Smith masking of alpha 1/4). The back scatters only where spec_trans > 0.
 
 `alpha` is what Mitsuba derives from roughness and anisotropic:
 
@@ -36,6 +34,15 @@ from wdpm.kernels.materials.microfacet import (
     sample_visible_normal,
 )
 from wdpm.kernels.materials.nodes import Materials, make_parameters
+from wdpm.kernels.materials.principled_base import (
+    brdf_share,
+    eval_diffuse,
+    has_diffuse,
+    is_even,
+    reflectance_of_base,
+    schlick_weight,
+    tint,
+)
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import GGX, RADIANCE, Bsdf, BsdfSample
 from wdpm.kernels.maths.elementary import log_of, pow_of, sincos_of
@@ -88,35 +95,6 @@ class Lobes:
 
 
 @wp.func
-def luminance(color: wp.vec3) -> wp.float32:
-    """Of linear sRGB (ITU-R BT.709)."""
-    return 0.212671 * color[0] + 0.715160 * color[1] + 0.072169 * color[2]
-
-
-@wp.func
-def tint(color: wp.vec3) -> wp.vec3:
-    """A colour's hue at luminance 1; white for black."""
-    y = luminance(color)
-    if y > 0.0:
-        return color / y
-    return wp.vec3(1.0)
-
-
-@wp.func
-def schlick_weight(cos: wp.float32) -> wp.float32:
-    """(1 - cos)^5, the cosine clamped to [0, 1] (Schlick 1994)."""
-    m = wp.clamp(1.0 - cos, 0.0, 1.0)
-    m2 = m * m
-    return m2 * m2 * m
-
-
-@wp.func
-def brdf_share(b: Bsdf) -> wp.float32:
-    """Strength of the diffuse part."""
-    return (1.0 - b.metallic) * (1.0 - b.spec_trans)
-
-
-@wp.func
 def bsdf_share(b: Bsdf) -> wp.float32:
     """Strength of the transmission."""
     return (1.0 - b.metallic) * b.spec_trans
@@ -131,49 +109,6 @@ def clamped_eta(b: Bsdf) -> wp.float32:
             return 1.0 - INDEX_STEP_LEAST
         return 1.0 + INDEX_STEP_LEAST
     return eta
-
-
-@wp.func
-def disney_strength(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, half2: wp.float32) -> wp.float32:
-    """Disney's diffuse lobe over that of a Lambertian surface.
-
-    Args:
-        half2: squared cosine between either direction and the half vector.
-    """
-    from_weight = schlick_weight(w_from[2])
-    to_weight = schlick_weight(w_to[2])
-    grazing = 2.0 * b.roughness * half2
-    flat = (1.0 - 0.5 * from_weight) * (1.0 - 0.5 * to_weight)
-    retro = grazing * (to_weight + from_weight + to_weight * from_weight * (grazing - 1.0))
-    strength = flat + retro
-    if b.flatness > 0.0:
-        f90 = 0.5 * grazing - 1.0
-        f = (1.0 + f90 * to_weight) * (1.0 + f90 * from_weight)
-        subsurface = 1.25 * (f * (1.0 / (w_from[2] + w_to[2]) - 0.5) + 0.5)
-        strength = strength + b.flatness * (subsurface - strength)
-    return strength
-
-
-@wp.func
-def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
-    """The diffuse part without the cosine [1/sr]."""
-    share = brdf_share(b)
-    if w_from[2] <= 0.0 or w_to[2] <= 0.0 or share <= 0.0:
-        return wp.vec3(0.0)
-    half2 = wp.clamp(0.5 + 0.5 * wp.dot(w_from, w_to), 0.0, 1.0)
-    strength = wp.float32(0.0)
-    if b.layered > 0.0:
-        strength = 1.0 - fresnel_dielectric(wp.sqrt(half2), b.eta[0]).reflectance
-    else:
-        strength = disney_strength(b, w_from, w_to, half2)
-    value = b.color * (share * strength * INV_PI)
-    if b.sheen > 0.0:
-        sheen = b.sheen * (1.0 - b.metallic) * schlick_weight(wp.sqrt(half2))
-        color = wp.vec3(1.0)
-        if b.sheen_tint > 0.0:
-            color = color + (tint(b.color) - color) * b.sheen_tint
-        value = value + color * sheen
-    return value
 
 
 @wp.func
@@ -433,12 +368,6 @@ def principled_alpha(roughness: wp.float32, anisotropic: wp.float32) -> wp.vec2:
     return wp.vec2(wp.max(squared / aspect, _ALPHA_LEAST), wp.max(squared * aspect, _ALPHA_LEAST))
 
 
-@wp.func
-def has_diffuse(b: Bsdf) -> bool:
-    """Where it is not all metal or glass."""
-    return b.metallic < 1.0 and b.spec_trans < 1.0
-
-
 @cache
 def make_principled(features: Features) -> LeafCode:
     """The code of PRINCIPLED."""
@@ -470,6 +399,6 @@ def make_principled(features: Features) -> LeafCode:
     return LeafCode(
         int(PRINCIPLED),
         read,
-        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse),
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance_of_base),
         GlossyPart(sample_disney_glossy, eval_disney_glossy, pdf_disney_glossy),
     )

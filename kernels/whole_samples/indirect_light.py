@@ -20,7 +20,6 @@ from wdpm.kernels.irradiance.arrivals import arrive
 from wdpm.kernels.irradiance.cache import interpolated
 from wdpm.kernels.irradiance.gather_places import Place, place_at
 from wdpm.kernels.irradiance.record_tree import IrradianceCache
-from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import PhotonMap
 from wdpm.kernels.photons.surface_points import of_surface
@@ -99,7 +98,7 @@ class KnownLight:
         records: these.
         rounds: that they were made in.
         wanted: least weight of records where a gather ray reads them.
-        lambertian_sides: of each material, as scenes.flat.material_sides has them.
+        even_sides: of each material, as scenes.flat.material_sides has them.
     """
 
     global_map: GatheredMap
@@ -112,7 +111,7 @@ class KnownLight:
     records: IrradianceCache
     rounds: wp.int32
     wanted: wp.float32
-    lambertian_sides: wp.array[wp.int32]
+    even_sides: wp.array[wp.int32]
 
 
 @wp.struct
@@ -168,8 +167,8 @@ def count(notes: wp.ref[Notes], what: wp.int32, times: wp.int32) -> None:
 
 @wp.func
 def may_be_cached(known: wp.ref[KnownLight], place: Place) -> wp.bool:
-    """Whether there are records, and the diffuse part of the seen side is Lambertian."""
-    return known.interpolates == 1 and (known.lambertian_sides[place.side >> 1] & (2 - (place.side & 1))) != 0
+    """Whether there are records, and the diffuse part of the seen side is even."""
+    return known.interpolates == 1 and (known.even_sides[place.side >> 1] & (2 - (place.side & 1))) != 0
 
 
 @wp.func
@@ -295,25 +294,25 @@ def make_reflected(features: Features) -> wp.Function:
 
 
 @functools.cache
-def make_lambertian(features: Features) -> wp.Function:
-    """The function `lambertian` for surfaces with a set of features."""
+def make_even(features: Features) -> wp.Function:
+    """The function `is_even` for surfaces with a set of features."""
 
     @wp.func
-    def lambertian(coats: wp.ref[Coats]) -> wp.bool:
-        """Whether a vertex reflects by a diffuse part alone."""
-        plain = wp.bool(True)
+    def is_even(coats: wp.ref[Coats]) -> wp.bool:
+        """Whether irradiance tells what the diffuse part of a vertex reflects."""
+        even = wp.bool(True)
         if wp.static(features.coated):
-            plain = coats.bsdf[0].kind == DIFFUSE
-        return plain
+            even = coats.even[0]
+        return even
 
-    return lambertian
+    return is_even
 
 
 @functools.cache
 def make_indirect_light(features: Features) -> IndirectLight:
     """The functions for surfaces with a set of features."""
     reflected = make_reflected(features)
-    lambertian = make_lambertian(features)
+    is_even = make_even(features)
 
     @wp.func
     def at_vertex(
@@ -331,10 +330,12 @@ def make_indirect_light(features: Features) -> IndirectLight:
         radiance = wp.vec3(0.0)
         if wp.static(features.traced):
             if orders.diffuse_light == BY_FINAL_GATHER:
-                plain = lambertian(scratch.coats)
-                asks = decision.by_photons == 1 and (not plain or decision.by_length == 1)
-                if plain and not asks and decision.action != TRACE_ON:
+                even = is_even(scratch.coats)
+                asks = decision.by_photons == 1 and (not even or decision.by_length == 1)
+                if even and not asks and decision.action != TRACE_ON:
                     radiance = wp.cw_mul(scratch.queries.weight[0], decision.radiance)
+                    if wp.static(features.coated):
+                        radiance = wp.cw_mul(radiance, scratch.coats.reflectance[0])
         if asks and known.global_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0:
             radiance = reflected(
                 known.global_map,
@@ -367,7 +368,7 @@ def make_indirect_light(features: Features) -> IndirectLight:
             asks = p.sample % known.caustic_map.run < known.caustic_map.asks
         if asks:
             ahead = decision.by_photons == 1 and decision.by_length == 0
-            if not (ahead and lambertian(scratch.coats)):
+            if not (ahead and is_even(scratch.coats)):
                 radiance = reflected(
                     known.caustic_map,
                     _OF_CAUSTIC_MAP,

@@ -16,7 +16,7 @@ OUTER: Final = 6
 INNER: Final = 7
 """Slot of c3, c4 and c5."""
 INTERNAL: Final = 8
-"""Slot of the internal reflectance; its second number is 1 where the coat has been computed."""
+"""Slot of the internal reflectance, of 1 where the coat has been computed, and of the mean transmittance."""
 
 
 def with_coats(table: MaterialTable) -> MaterialTable:
@@ -30,5 +30,5 @@ def with_coats(table: MaterialTable) -> MaterialTable:
         found = coat(float(value[row, slots["eta"], 0]), float(value[row, slots["alpha"], 0]), distribution)
         value[row, OUTER] = found.coefficients[:3]
         value[row, INNER] = found.coefficients[3:]
-        value[row, INTERNAL] = (found.internal_reflectance, 1.0, 0.0)
+        value[row, INTERNAL] = (found.internal_reflectance, 1.0, found.mean_transmittance)
     return replace(table, value=value)

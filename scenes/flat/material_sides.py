@@ -25,17 +25,17 @@ def gathering_sides(table: MaterialTable) -> NDArray[np.int32]:
     return sides
 
 
-def lambertian_sides(table: MaterialTable) -> NDArray[np.int32]:
-    """FRONT and BACK bits of every node, int32, shape [N]: sides whose diffuse part, if any, is Lambertian and unbent.
+def even_sides(table: MaterialTable) -> NDArray[np.int32]:
+    """FRONT and BACK bits of every node, int32, shape [N]: sides whose diffuse part, if any, is even and unbent.
 
-    What such a side reflects of its irradiance does not depend on where the light came from.
+    What such a side reflects of its irradiance hardly depends on where the light came from.
     """
     other = np.zeros(len(table), np.int32)
     sides = gathering_sides(table)
     for node in reversed(range(len(table))):
         kind, leaf = int(table.kind[node]), table.leaf(node)
         bent = kind in (mt.BUMP_MAP, mt.NORMAL_MAP)
-        own = sides[node] if bent or (leaf is not None and not leaf[0].lambertian) else 0
+        own = sides[node] if bent or (leaf is not None and not leaf[0].even(leaf[1])) else 0
         other[node] = own | _sides_of(table, node, other) if kind in _INNER else own
     return sides & ~other
 

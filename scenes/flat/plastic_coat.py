@@ -4,7 +4,8 @@ A plastic is a diffuse base under a dielectric interface (Mitsuba 3's `plastic` 
 interface twice, and what the base scatters is partly reflected back by the interface from inside. Kernels need
 
 * the transmittance T(mu) from outside, mu the cosine of the direction;
-* the internal reflectance: the share of diffuse light that the interface reflects back to the base.
+* the internal reflectance: the share of diffuse light that the interface reflects back to the base;
+* the mean transmittance: the share of diffuse light from outside that gets to the base.
 
 For a smooth interface T is 1 - F(mu) by Fresnel's equations, and the internal reflectance is a published fit. For a
 rough one both are integrals over the visible normals of microfacets (Walter et al. 2007; masking is Smith's). They are
@@ -63,10 +64,12 @@ class Coat:
     Attributes:
         coefficients: c0 to c5 of the transmittance; zeros for a smooth interface, whose transmittance is Fresnel's.
         internal_reflectance: share of diffuse light from inside that is reflected back inside, in [0, 1).
+        mean_transmittance: share of diffuse light from outside that is let through, in (0, 1].
     """
 
     coefficients: tuple[float, float, float, float, float, float]
     internal_reflectance: float
+    mean_transmittance: float
 
 
 @functools.cache
@@ -77,17 +80,23 @@ def coat(eta: float, alpha: float, distribution: Distribution) -> Coat:
         eta: index of refraction inside over that outside, above 0.
         alpha: roughness; exactly 0 is smooth.
     """
-    if alpha == 0.0:
-        return Coat((0.0,) * 6, diffuse_reflectance(1.0 / eta))
-    alpha = max(alpha, ALPHA_LEAST)
     even = np.linspace(0.0, 1.0, _COSINES)
     dense = even * even if eta >= 1.0 else np.linspace(0.0, 1.0, 2 * _COSINES)  # where T bends: up to alpha, or at mu0
+    if alpha == 0.0:
+        through = 1.0 - _fresnel(np.maximum(dense, 1e-6), eta)[0]
+        return Coat((0.0,) * 6, diffuse_reflectance(1.0 / eta), _mean(through, dense))
+    alpha = max(alpha, ALPHA_LEAST)
     transmitted = rough_transmittance(eta, alpha, distribution, dense)
     reflected = rough_reflectance(1.0 / eta, alpha, distribution, even)
     # The mean over the nodes, not the integral (which is 1 to 2 % more): what Mitsuba does, and colours depend on it.
     internal = 2.0 * float(np.mean(reflected * even))
     c0, c1, c2, c3, c4, c5 = (float(c) for c in _fit(terms(dense, eta, alpha), transmitted, 0.1 if eta >= 1.0 else 1.0))
-    return Coat((c0, c1, c2, c3, c4, c5), internal)
+    return Coat((c0, c1, c2, c3, c4, c5), internal, _mean(transmitted, dense))
+
+
+def _mean(transmittance: Wide, mu: Wide) -> float:
+    """Of diffuse light: weighted by the cosines mu, ascending from 0 to 1."""
+    return float(np.trapezoid(2.0 * transmittance * mu, mu))
 
 
 def diffuse_reflectance(eta: float) -> float:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import ClassVar
 
-from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order
+from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order, never
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
 __all__ = [
@@ -204,6 +204,7 @@ class Plastic(Leaf):
         feature="plastic",
         gathers=lambda row: row.may_shine("diffuse_reflectance"),
         lambertian=False,
+        even=never,  # of light that grazes it a coat lets little through
         rough=("alpha",),
     )
 
@@ -250,6 +251,7 @@ class Principled(Leaf):
         feature="principled",
         gathers=lambda row: not row.is_one("metallic") and not row.is_one("spec_trans"),
         lambertian=False,
+        even=lambda row: row.is_one("layered") and row.is_zero("sheen"),
         always_rough=True,
         transmits=lambda row: row.number("spec_trans") > 0.0,
         tells_tangents=lambda row: row.number("anisotropic") != 0.0,

@@ -38,6 +38,10 @@ class Row:
         """A parameter, or the factor of its texture."""
         return float(self.value[self.slots[name], 0])
 
+    def is_zero(self, name: str) -> bool:
+        """Whether a parameter is 0 everywhere."""
+        return self.number(name) <= 0
+
     def may_shine(self, name: str) -> bool:
         """Whether a colour may be above zero somewhere."""
         return bool(self.value[self.slots[name]].max() > 0)
@@ -73,6 +77,7 @@ class LeafKind:
         feature: the field of kernels.features.Features with which its code is compiled; None for what always is.
         gathers: whether photons are stored on its front: it has a diffuse part that may be above black.
         lambertian: whether that part is alike in all directions.
+        even: whether it is nearly so: what it reflects can be told by irradiance, wherever the light comes from.
         glossy: whether it has a part that is traced on, not gathered.
         rough: parameters that are roughnesses of microfacets, without which only mirror directions are compiled.
         always_rough: whether it is a surface of microfacets whatever its parameters.
@@ -87,6 +92,7 @@ class LeafKind:
     feature: str | None = None
     gathers: Callable[[Row], bool] = never
     lambertian: bool = True
+    even: Callable[[Row], bool] = always
     glossy: bool = True
     rough: tuple[str, ...] = ()
     always_rough: bool = False

@@ -83,6 +83,8 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
     pdf_all = functions.pdf_all
     sample_glossy = functions.sample_glossy
     sample_all = functions.sample_all
+    even = functions.is_even
+    reflectance = functions.reflectance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def evaluate(
@@ -96,6 +98,8 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
         pdf_glossy_out: wp.array[wp.float32],
         pdf_all_out: wp.array[wp.float32],
         gathered_out: wp.array[wp.bool],
+        even_out: wp.array[wp.bool],
+        reflectance_out: wp.array[wp.vec3],
     ):
         i = wp.tid()
         diffuse_out[i] = eval_diffuse(b, w_from[i], w_to[i])
@@ -104,6 +108,8 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
         pdf_glossy_out[i] = pdf_glossy(b, w_from[i], w_to[i])
         pdf_all_out[i] = pdf_all(b, w_from[i], w_to[i])
         gathered_out[i] = has_diffuse(b)
+        even_out[i] = even(b)
+        reflectance_out[i] = reflectance(b, w_from[i])
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def sample(
@@ -142,7 +148,7 @@ def _evaluate(b: Any, w_from: object, w_to: object, mode: int, features: Feature
     """What the kernel puts out, in its order."""
     count = max(np.size(w_from), np.size(w_to)) // 3
     vectors = [_array(w, wp.vec3, (count, 3)) for w in (w_from, w_to)]
-    kinds = (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.float32, wp.bool)
+    kinds = (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.float32, wp.bool, wp.bool, wp.vec3)
     out = [wp.empty(count, dtype=kind, device="cpu") for kind in kinds]
     wp.launch(_kernels(features)[0], dim=count, inputs=[b, *vectors, mode], outputs=out, device="cpu")
     return [a.numpy() for a in out]
@@ -150,13 +156,25 @@ def _evaluate(b: Any, w_from: object, w_to: object, mode: int, features: Feature
 
 def evaluate(b: Any, w_from: object, w_to: object, mode: int = RADIANCE, features: Features = ALL) -> Values:
     """Values for pairs of directions; one of w_from and w_to may be a single direction."""
-    return Values(*_evaluate(b, w_from, w_to, mode, features)[:-1])
+    return Values(*_evaluate(b, w_from, w_to, mode, features)[:5])
 
 
 def is_gathered(b: Any, features: Features = ALL) -> bool:
     """has_diffuse."""
     up = direction(0.0)
-    return bool(_evaluate(b, up, up, RADIANCE, features)[-1].all())
+    return bool(_evaluate(b, up, up, RADIANCE, features)[5].all())
+
+
+def is_even(b: Any, features: Features = ALL) -> bool:
+    """is_even."""
+    up = direction(0.0)
+    return bool(_evaluate(b, up, up, RADIANCE, features)[6].all())
+
+
+def reflectances(b: Any, w_from: object, features: Features = ALL) -> Floats:
+    """reflectance for directions, shape [N, 3]."""
+    reflected: Floats = _evaluate(b, w_from, direction(0.0), RADIANCE, features)[7]
+    return reflected
 
 
 def sample(

@@ -182,9 +182,12 @@ def glasses() -> Scene:
 
 
 def coats() -> Scene:
-    """Plastics, principled, blends, bump and normal maps, vertex colours, checkerboards, an environment map."""
+    """Plastics, principled, blends, bump and normal maps, vertex colours, checkerboards, an environment map.
+
+    In a room whose walls have the gloss of glTF's materials.
+    """
     b = Builder()
-    b.room(TwoSided(Diffuse(SQUARES)), open_to_the_sky=True)
+    b.room(TwoSided(Principled(SQUARES, 0.4, layered=True)), open_to_the_sky=True)
     b.ball("plastic", Plastic((0.6, 0.1, 0.1), nonlinear=True), (-0.55, -0.65, 0.0))
     b.ball("satin", Plastic(NOISE, alpha=0.2), (0.5, -0.6, 0.5))
     car = Principled(

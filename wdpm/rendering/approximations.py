@@ -10,7 +10,7 @@ import numpy as np
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.camera.pixel_filter import is_signed, reach_of, sharpening
-from wdpm.scenes.model.bsdfs import Leaf, walk
+from wdpm.scenes.model.bsdfs import Leaf, Principled, walk
 from wdpm.scenes.model.scene import Instance, Mesh, PixelFilter, Scene, Solid
 
 ROUND_SHARE = 1e-5
@@ -27,6 +27,8 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     for words, plan in (("indirect light", world.global_map), ("caustics", world.caustic_map)):
         if plan.paths:
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
+    if settings.final_gathers and _has_layers(scene):
+        lines.append("indirect light on diffuse parts under gloss: as if it came alike from all sides")
     if world.volume_map.paths:
         radius = world.volume_map.radius * world.unit
         lines.append(
@@ -42,6 +44,12 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     if settings.band < 1 and "band" not in algorithm.ignored:
         lines.append(f"overlap band: {settings.band:g} of the gather radius")
     return tuple(lines)
+
+
+def _has_layers(scene: Scene) -> bool:
+    """Whether something reflects as glTF's and Blender's materials do."""
+    leaves = (leaf for material in scene.materials for leaf in walk(material.bsdf))
+    return any(isinstance(leaf, Principled) and leaf.layered for leaf in leaves)
 
 
 def _of_pixel_filter(found: PixelFilter, spp: int) -> Iterator[str]:

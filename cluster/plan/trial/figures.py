@@ -27,7 +27,7 @@ class Trial:
         by_photons: their figures, with Indirect.MAP.
         by_paths: of path tracing.
         caustics: what paths make of those, where smooth surfaces make any.
-        lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
+        even: the share of the diffuse surfaces that camera paths meet that records serve.
         unread: the share of gather rays that would find no irradiance within reach.
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
         bias: of the global map, as relMSE: what it shows beyond what paths do, and beyond noise.
@@ -40,7 +40,7 @@ class Trial:
     by_photons: Figures
     by_paths: Figures
     caustics: PathCaustics
-    lambertian: float
+    even: float
     unread: float
     map_errors: Sequence[MapError | None]
     bias: float
@@ -68,4 +68,4 @@ class Trial:
         """The share of samples that have a gather ray, by photon mapping."""
         if not settings.final_gathers:
             return 0.0
-        return 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0
+        return 1.0 - self.even if settings.algorithm.has_irradiance_cache(settings) else 1.0

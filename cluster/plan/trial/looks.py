@@ -71,12 +71,12 @@ class Looks:
             self.paths.noise(weight).mean(axis=2),
             self.paths.noise(weight, "indirect").mean(axis=2),
         )
-        lambertian = self.places.lambertian
+        even = self.places.even
         return Trial(
             self.by_photons,
             self.by_paths,
             caustics,
-            lambertian,
+            even,
             unread,
             map_errors,
             bias,

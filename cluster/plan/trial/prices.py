@@ -97,7 +97,7 @@ class Prices:
         if settings.final_gathers:  # the rays read what was gathered ahead
             shot += irradiance_share(settings) * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
         if settings.algorithm.has_irradiance_cache(settings):
-            coats = 1.0 - trial.lambertian
+            coats = 1.0 - trial.even
             at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
             ray = asks * (onward * (VERTEX + SHADOW_RAY) * self._ray + at_coats)
             sample += asks * (1.0 - coats) * RECORDS_READ + coats * ray
@@ -119,7 +119,7 @@ class Prices:
 
     def _record_rays(self, trial: Trial) -> float:
         """Gather rays of all records: twice as many where these are to be as exact as they may be."""
-        count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
+        count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.even
         of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
         error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths.indirect)
         # What records may err falls as noise does, their strata only down to share_of_rays.

@@ -151,7 +151,7 @@ class TraceLaunches:
     def _find_out(self) -> Any:
         replica, store, view = self.replica, self._store, self._view
         known = indirect_light.KnownLight()
-        known.lambertian_sides = wp.array(replica.lambertian_sides, dtype=wp.int32, device=replica.launcher.device)
+        known.even_sides = wp.array(replica.even_sides, dtype=wp.int32, device=replica.launcher.device)
         if self._asks:
             if not replica.world.gathers_ahead:
                 known.global_map = self._gathered(GLOBAL_MAP, view.k)

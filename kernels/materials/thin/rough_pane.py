@@ -22,7 +22,8 @@ from wdpm.kernels.materials.microfacet import (
     sample_visible_normal,
 )
 from wdpm.kernels.materials.nodes import Materials, make_parameters
-from wdpm.kernels.materials.principled import principled_alpha, schlick, schlick_weight, tint
+from wdpm.kernels.materials.principled import principled_alpha, schlick
+from wdpm.kernels.materials.principled_base import schlick_weight, tint
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import GGX, Bsdf, BsdfSample
 from wdpm.scenes.model.bsdfs import RoughPane

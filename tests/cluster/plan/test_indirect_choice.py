@@ -11,18 +11,22 @@ from wdpm.cluster.integrators.indirect_choice import SAMPLES_TO_REPAY, choose_in
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.bsdfs import Plastic
+from wdpm.scenes.model.bsdfs import Bsdf, Plastic, Principled
 from wdpm.scenes.model.scene import Material, Scene
 
 BOX = cornell_box((128, 128))
 ENOUGH = SAMPLES_TO_REPAY // 128**2
 
 
-def coated(scene: Scene, *names: str) -> Scene:
-    """The same with a coat on some materials."""
-    coat = Plastic((0.6, 0.6, 0.6))
+GREY = (0.6, 0.6, 0.6)
+COAT, DISNEYS, GLOSS = Plastic(GREY), Principled(GREY), Principled(GREY, layered=True)
+CLOTH = Principled(GREY, sheen=0.5, layered=True)
+
+
+def covered(scene: Scene, bsdf: Bsdf, *names: str) -> Scene:
+    """The same with some materials of another kind."""
     return replace(
-        scene, materials=tuple(Material(each.name, coat) if each.name in names else each for each in scene.materials)
+        scene, materials=tuple(Material(each.name, bsdf) if each.name in names else each for each in scene.materials)
     )
 
 
@@ -43,13 +47,18 @@ def test_samples_are_those_of_a_pass() -> None:
     assert chosen(BOX, spp=4 * ENOUGH, passes=8)[0] is Indirect.MAP
 
 
-def test_records_serve_surfaces_without_a_coat() -> None:
+@pytest.mark.parametrize("uneven", [COAT, CLOTH, DISNEYS], ids=["coat", "cloth", "Disney's"])
+def test_records_serve_surfaces_without_a_coat_or_sheen(uneven: Bsdf) -> None:
     """A part of the box that is coated is looked up in the map; where it is most of it, all of it is."""
-    assert chosen(coated(BOX, "red"))[0] is Indirect.CACHE
-    how, why = chosen(coated(BOX, "red", "white"))
+    assert chosen(covered(BOX, uneven, "red"))[0] is Indirect.CACHE
+    how, why = chosen(covered(BOX, uneven, "red", "white"))
     assert how is Indirect.MAP
     assert why is not None
-    assert why.endswith("of the diffuse surface has a coat or bumps")
+    assert why.endswith("of the diffuse surface has a coat, bumps or sheen")
+
+
+def test_records_serve_surfaces_under_gloss() -> None:
+    assert chosen(covered(BOX, GLOSS, "red", "green", "white"))[0] is Indirect.CACHE
 
 
 def test_media_are_for_the_map() -> None:

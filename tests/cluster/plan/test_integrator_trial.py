@@ -252,12 +252,12 @@ def test_few_samples_have_fewer_caustic_photons() -> None:
     assert f"{found.settings.caustic_photons:,} caustic photons" in found.chose[0]
 
 
-def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float) -> float:
+def price(indirect: Indirect, even: float, caustic_k: int, photons: float) -> float:
     """What a small image of 8 samples would cost, with and without caustics to gather."""
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, figures, NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, 0.0, noises)
+    trial = Trial(figures, figures, NO_CAUSTICS, even, 0.0, (None, None), 0.0, 0.0, noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
@@ -390,7 +390,7 @@ def coated(scene: Scene) -> Scene:
 def test_records_do_not_serve_coats() -> None:
     found = settled(coated(cornell_box((64, 64))), spp=16)
     assert found.settings.indirect is Indirect.MAP
-    assert "indirect light: map, since 100% of what is seen has a coat or bumps" in found.chose
+    assert "indirect light: map, since 100% of what is seen has a coat or sheen" in found.chose
 
 
 def test_records_are_made_where_hardly_a_photon_comes_to_what_is_seen() -> None:

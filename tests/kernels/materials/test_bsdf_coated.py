@@ -82,7 +82,7 @@ def plastic(eta: float, alpha: float = 0.0, distribution: int = BECKMANN, color:
     return material(
         PLASTIC,
         color=color,
-        eta=(eta, c.internal_reflectance, 0.0),
+        eta=(eta, c.internal_reflectance, c.mean_transmittance),
         alpha=alpha,
         distribution=distribution,
         transmittance=c.coefficients[:3],
