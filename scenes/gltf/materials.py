@@ -20,6 +20,7 @@ from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
 from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures, Images
 from wdpm.scenes.gltf.textures import each as each_texel
 from wdpm.scenes.model.bsdfs import (
+    HARDLY_ANY,
     WHITE,
     Blend,
     Bsdf,
@@ -63,9 +64,6 @@ MATERIAL_EXTENSIONS: Final = frozenset(
 
 _MOST_OF_DIELECTRICS = 0.08
 """Reflection at normal incidence up to which a grey one is taken for that of a dielectric, as Disney's model has it."""
-
-_HARDLY_ANY = 1.001
-"""Index of refraction of a surface that reflects next to nothing: Mitsuba's metals reflect nothing at 1 itself."""
 
 _MOST_ROOT = 0.9
 """Root of the largest reflection at normal incidence that an index of refraction stands for: 1 has none."""
@@ -217,7 +215,7 @@ class _Converter:
             return bent(self._principled(base, eta, weight))
         surface = self._principled(base, eta, 0.0)
         if shown != 1.0:
-            surface = Blend(self._principled(base, _HARDLY_ANY, 0.0), surface, shown)
+            surface = Blend(self._principled(base, HARDLY_ANY, 0.0), surface, shown)
         surface = bent(surface)
         surface = self._with_diffuse_transmission(TwoSided(surface) if double_sided else surface)
         return surface if weight == 0.0 else Blend(surface, self._pane(base, eta), weight)
@@ -257,7 +255,8 @@ class _Converter:
         roughness, anisotropic = self._anisotropic(given)
         metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
         sheen = self._sheen()
-        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta, sheen=sheen)
+        index = max(eta, HARDLY_ANY)  # a metal reflects whatever is said of dielectrics
+        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=index, sheen=sheen)
         principled = replace(principled, anisotropic=anisotropic, layered=True)
         if "KHR_materials_clearcoat" not in self._extensions:
             return principled

@@ -36,6 +36,9 @@ BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
 GREY = (0.5, 0.5, 0.5)
 
+HARDLY_ANY = 1.001
+"""Index of refraction of a `Principled` that reflects next to nothing as a dielectric, and all it has as a metal."""
+
 
 class Distribution(Enum):
     """Of the normals of microfacets."""
@@ -226,6 +229,7 @@ class Principled(Leaf):
 
     Attributes:
         eta: index of refraction inside over that outside; what `specular` stands for is turned into it by the loader.
+            At 1 itself not even a metal reflects, which is Mitsuba's way: others take `HARDLY_ANY`.
         layered: whether the diffuse part is a Lambertian surface beneath the gloss, lit by what that does not reflect
             (glTF 2.0, appendix B); else it is Disney's, which is brighter at grazing angles where the surface is rough.
     """

@@ -14,12 +14,13 @@ from wdpm.blender.export import lights
 from wdpm.blender.export.camera import image_size, pixel_filter, render_region
 from wdpm.blender.export.meshes import _welded
 from wdpm.blender.export.pixel_nodes import PIXEL_NODES, unsupported_mode
-from wdpm.blender.export.principled import base_share
+from wdpm.blender.export.principled import base_share, read_principled
 from wdpm.blender.export.scene import _back, is_closed
 from wdpm.blender.export.shaders import on_both_sides
+from wdpm.blender.export.values import constant
 from wdpm.blender.export.world import TO_BLENDER, euler_matrix
 from wdpm.scenes.meshes.primitives import cube, rectangle
-from wdpm.scenes.model.bsdfs import Blend, Dielectric, Diffuse, Mask, Null, TwoSided
+from wdpm.scenes.model.bsdfs import Blend, Dielectric, Diffuse, Mask, Null, Principled, TwoSided
 from wdpm.scenes.model.scene import Camera, FilterKind, Mesh
 
 RED, GREEN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -171,6 +172,16 @@ class TestMaterials:
         assert base_share(0.0, 1.0) == pytest.approx(1.0)  # no gloss, and all is Lambertian
         assert base_share(0.0, 1.5) < base_share(0.0, 1.2) < 1.0
         assert base_share(0.0, 1.5) < base_share(0.5, 1.5)  # rough gloss reflects less
+
+    @pytest.mark.parametrize("sockets", [{"IOR": 1.0}, {"Specular IOR Level": 0.0}])
+    def test_metals_reflect_whatever_their_index(self, sockets: dict[str, float]) -> None:
+        """Of an index of 1 itself our Principled reflects nothing, metal or not."""
+        plain = dict.fromkeys(("Alpha", "Specular Tint", "Metallic"), 1.0) | {"IOR": 1.5, "Specular IOR Level": 0.5}
+        node = SimpleNamespace(has=lambda _: False, input=lambda name: (plain | sockets).get(name, 0.0))
+        bsdf = read_principled(node, SimpleNamespace(read=constant)).bsdf  # type: ignore[arg-type]
+        assert isinstance(bsdf, Principled)
+        assert bsdf.metallic == 1.0
+        assert 1.0 < bsdf.eta < 1.01
 
     def test_surfaces_are_seen_from_both_sides(self) -> None:
         glass = Dielectric()

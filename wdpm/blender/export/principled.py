@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wdpm.blender.export.sockets import Output
 from wdpm.blender.export.values import Value, Values
-from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Principled
+from wdpm.scenes.model.bsdfs import HARDLY_ANY, Bsdf, Dielectric, Principled
 from wdpm.scenes.model.textures import Number
 
 SMOOTH = 0.03
@@ -86,7 +86,7 @@ def _scattering(node: Output, values: Values) -> Bsdf:
         anisotropic=values.read(node.input("Anisotropic")).number(),
         metallic=metallic.number(),
         spec_trans=glass.number(),
-        eta=eta,
+        eta=eta if eta < 1.0 else max(eta, HARDLY_ANY),  # Cycles' metals do not ask for it
         sheen=sheen,
         clearcoat=coat,
         clearcoat_gloss=min(max((0.1 - gloss * gloss) / (0.1 - 0.001), 0.0), 1.0),
