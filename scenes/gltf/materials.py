@@ -10,12 +10,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.reflection import (
+    Reflection,
+    grey_of,
+    head_on,
+    index_of_pane,
+    reflection_of,
+    textured_reflection,
+)
 from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
 from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures, Images
 from wdpm.scenes.gltf.textures import each as each_texel
@@ -25,7 +34,6 @@ from wdpm.scenes.model.bsdfs import (
     Blend,
     Bsdf,
     Diffuse,
-    Distribution,
     Mask,
     NormalMap,
     Principled,
@@ -34,7 +42,6 @@ from wdpm.scenes.model.bsdfs import (
     Translucent,
     TwoSided,
 )
-from wdpm.scenes.model.highlights import highlight_over, scaled
 from wdpm.scenes.model.scene import Material, Medium
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number, VertexColors
 
@@ -61,12 +68,6 @@ MATERIAL_EXTENSIONS: Final = frozenset(
 )
 """Extensions of materials that are read here; a file that requires others cannot be read."""
 
-
-_MOST_OF_DIELECTRICS = 0.08
-"""Reflection at normal incidence up to which a grey one is taken for that of a dielectric, as Disney's model has it."""
-
-_MOST_ROOT = 0.9
-"""Root of the largest reflection at normal incidence that an index of refraction stands for: 1 has none."""
 
 _Numbers = TypeVar("_Numbers", float, NDArray[np.float32])
 
@@ -199,44 +200,67 @@ class _Converter:
 
     def _scattering(self, base: Color) -> Bsdf:
         double_sided: bool = self._gltf.get(self._owner, "doubleSided", bool, False)
-        bent = self._bending()
-        surface: Bsdf
         if "KHR_materials_unlit" in self._extensions:
             self._warn("unlit: it is lit like any diffuse surface")
-            surface = Diffuse(base)
-            return TwoSided(surface) if double_sided else surface
-        if self._glossy is not None:
-            surface = bent(self._specular_glossiness(base, self._glossy))
-            return TwoSided(surface) if double_sided else surface
-        eta, shown = self._eta()
+            return TwoSided(Diffuse(base)) if double_sided else Diffuse(base)
+        bent = self._bending()
         transmission = self._extension("KHR_materials_transmission")
-        weight = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
-        if weight != 0.0 and self._is_solid():
-            return bent(self._principled(base, eta, weight))
-        surface = self._principled(base, eta, 0.0)
-        if shown != 1.0:
-            surface = Blend(self._principled(base, HARDLY_ANY, 0.0), surface, shown)
-        surface = bent(surface)
-        surface = self._with_diffuse_transmission(TwoSided(surface) if double_sided else surface)
-        return surface if weight == 0.0 else Blend(surface, self._pane(base, eta), weight)
+        through = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
+        if through != 0.0 and self._index() < math.inf and self._is_solid():
+            return bent(self._solid(base, through))
+        metallic = self._metallic()
+
+        def sided(surface: Bsdf) -> Bsdf:
+            return TwoSided(bent(surface)) if double_sided else bent(surface)
+
+        if metallic == 1.0:  # what is said of dielectrics is of no matter
+            return sided(self._metal(base))
+        sheet = self._sheet(sided)
+        reflection = self._reflection()
+        whole = through == 0.0 and sheet is None and reflection.share == 0.0
+        inner: Number = metallic if whole else 0.0  # else the metal is mixed with all the rest, at the end
+        surface = sided(reflection.over(lambda eta: self._principled(base, eta, inner), self._metal))
+        if sheet is not None:
+            surface = Blend(surface, reflection.over(sheet[1], lambda color: sided(self._metal(color))), sheet[0])
+        if through != 0.0:
+            pane = reflection.over(lambda eta: self._pane(base, eta), lambda color: sided(self._metal(color)))
+            surface = Blend(surface, pane, through)
+        return surface if whole or metallic == 0.0 else Blend(surface, sided(self._metal(base)), metallic)
+
+    def _metal(self, color: Color) -> Bsdf:
+        return self._principled(color, 1.5, 1.0)
+
+    def _solid(self, base: Color, through: Number) -> Bsdf:
+        """Glass of KHR_materials_volume, bent by the index of refraction alone."""
+        if self._extension("KHR_materials_specular"):
+            self._warn("KHR_materials_specular is ignored: it refracts, and reflects by its index of refraction")
+        return self._principled(base, self._index(), self._metallic(), through)
 
     def _pane(self, base: Color, eta: float) -> Bsdf:
         """What KHR_materials_transmission lets through without a volume: a thin pane, rough where the surface is."""
-        roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
-        return ThinDielectric(eta, WHITE, base) if roughness == 0.0 else RoughPane(base, roughness, eta)
+        roughness = self._roughness()
+        smooth = roughness == 0.0
+        return ThinDielectric(index_of_pane(eta), WHITE, base) if smooth else RoughPane(base, roughness, eta)
 
-    def _with_diffuse_transmission(self, surface: Bsdf) -> Bsdf:
-        """A surface of which a share is a translucent sheet; its reflection is lessened by the share, too."""
-        sheet = self._extension(DIFFUSE_TRANSMISSION)
-        share = self._share(sheet, "diffuseTransmissionFactor", 0.0)
-        info = self._info(sheet, "diffuseTransmissionTexture")
+    def _sheet(self, sided: Callable[[Bsdf], Bsdf]) -> tuple[Number, Callable[[float], Bsdf]] | None:
+        """Which share of a surface lets light diffusely through, and that share by its index of refraction.
+
+        It reflects towards all angles what it reflects head-on.
+        """
+        extension = self._extension(DIFFUSE_TRANSMISSION)
+        share = self._share(extension, "diffuseTransmissionFactor", 0.0)
+        info = self._info(extension, "diffuseTransmissionTexture")
         if share == 0.0:
-            return surface
+            return None
         weight: Number = share if info is None else self._alpha_of(info, share)
-        factor = self._colour(sheet, "diffuseTransmissionColorFactor", (1.0, 1.0, 1.0))
-        colours = self._info(sheet, "diffuseTransmissionColorTexture")
+        factor = self._colour(extension, "diffuseTransmissionColorFactor", (1.0, 1.0, 1.0))
+        colours = self._info(extension, "diffuseTransmissionColorTexture")
         colour: Color = factor if colours is None else self._textures.color(colours, factor, self._name)
-        return Blend(surface, Translucent(colour), weight)
+
+        def sheet(eta: float) -> Bsdf:
+            return Blend(Translucent(colour), sided(self._metal(WHITE)), head_on(eta))
+
+        return weight, sheet
 
     def _alpha_of(self, info: dict[str, Any], factor: float) -> Number:
         """The alpha channel of a texture times a factor; the factor where it has none."""
@@ -250,14 +274,31 @@ class _Converter:
             raise self._gltf.error(f'material "{self._name}": {key} must {allowed}, got {[red, green, blue]}')
         return red, green, blue
 
-    def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
-        given = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
-        roughness, anisotropic = self._anisotropic(given)
-        metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
-        sheen = self._sheen()
+    def _roughness(self) -> Number:
+        if self._glossy is None:
+            return self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        factor = self._share(self._glossy, "glossinessFactor", 1.0)
+        info = self._info(self._glossy, "specularGlossinessTexture")
+        glossiness = factor if info is None else self._alpha_of(info, factor)
+        if isinstance(glossiness, Bitmap):
+            return each_texel(glossiness, lambda pixels: np.float32(1.0) - pixels)
+        return 1.0 - factor
+
+    def _metallic(self) -> float | Bitmap:
+        if self._glossy is not None:
+            return 0.0
+        return self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
+
+    def _principled(self, base: Color, eta: float, metallic: Number, spec_trans: Number = 0.0) -> Bsdf:
         index = max(eta, HARDLY_ANY)  # a metal reflects whatever is said of dielectrics
-        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=index, sheen=sheen)
-        principled = replace(principled, anisotropic=anisotropic, layered=True)
+        return replace(self._gloss, base_color=base, eta=index, metallic=metallic, spec_trans=spec_trans)
+
+    @cached_property
+    def _gloss(self) -> Principled:
+        """What the leaves of the material have in common."""
+        roughness, anisotropic = self._anisotropic(self._roughness())
+        sheen = self._sheen()
+        principled = Principled(roughness=roughness, anisotropic=anisotropic, sheen=sheen, layered=True)
         if "KHR_materials_clearcoat" not in self._extensions:
             return principled
         coat = self._extension("KHR_materials_clearcoat")
@@ -267,25 +308,6 @@ class _Converter:
         rough = self._number(coat, "clearcoatRoughnessFactor", 0.0, "clearcoatRoughnessTexture", GREEN)
         gloss = _clearcoat_gloss(rough) if isinstance(rough, float) else each_texel(rough, _clearcoat_gloss)
         return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
-
-    def _specular_glossiness(self, base: Color, glossy: dict[str, Any]) -> Bsdf:
-        """An archived extension: a diffuse colour and that of the reflection at normal incidence.
-
-        Grey reflections of up to 8 % are those of a dielectric; others become a mixture of diffuse and rough metal.
-        """
-        roughness = 1.0 - self._share(glossy, "glossinessFactor", 1.0)
-        specular = self._gltf.numbers(glossy, "specularFactor", [1.0, 1.0, 1.0])
-        if not all(0.0 <= channel <= 1.0 for channel in specular):
-            raise self._gltf.error(f'material "{self._name}": specularFactor must lie between 0 and 1, got {specular}')
-        if "specularGlossinessTexture" in glossy:
-            self._warn("specularGlossinessTexture is ignored: its factors are used")
-        if max(specular) <= _MOST_OF_DIELECTRICS and max(specular) == min(specular):
-            root = math.sqrt(specular[0])
-            return Principled(base, roughness, eta=(1.0 + root) / (1.0 - root), layered=True)
-        alpha = roughness * roughness
-        colour = specular[0], specular[1], specular[2]
-        mixed, _ = highlight_over(scaled(base, 1.0 - max(specular)), colour, (alpha, alpha), Distribution.GGX)
-        return mixed
 
     def _anisotropic(self, roughness: Number) -> tuple[Number, float]:
         """Disney's roughness and anisotropy for those of the extension: alpha is longer along the texture's u.
@@ -317,36 +339,45 @@ class _Converter:
         if max(colour) == 0.0:
             return 0.0
         self._warn("its sheen is Disney's, grey and as broad at any roughness")
-        return sum(colour) / 3.0 if info is None else each_texel(self._textures.color(info, colour, self._name), _grey)
+        return (
+            sum(colour) / 3.0 if info is None else each_texel(self._textures.color(info, colour, self._name), grey_of)
+        )
 
-    def _eta(self) -> tuple[float, Number]:
-        """The index of refraction, and the share of its reflection that is shown; by KHR_materials_ior and _specular.
-
-        A factor alone lowers the index, so that the reflection at normal incidence is that share; a texture cannot.
-        """
+    def _index(self) -> float:
+        """Of refraction; infinite where KHR_materials_ior has 0, which says that all is reflected."""
         ior = self._gltf.number(self._extension("KHR_materials_ior"), "ior", 1.5)
-        if ior < 1.0:
-            if ior == 0.0:  # the extension's way to say: everything is reflected
-                self._warn("an index of refraction of 0 is not supported: 1.5 is used")
-                ior = 1.5
-            else:
-                raise self._gltf.error(f'material "{self._name}": ior must be 0 or at least 1, got {ior:g}')
+        if ior != 0.0 and ior < 1.0:
+            raise self._gltf.error(f'material "{self._name}": ior must be 0 or at least 1, got {ior:g}')
+        return math.inf if ior == 0.0 else ior
+
+    def _reflection(self) -> Reflection:
+        """What the dielectric reflects, by KHR_materials_ior and _specular or by the archived specular-glossiness."""
+        if self._glossy is not None:
+            colour = self._colour(self._glossy, "specularFactor", WHITE, 1.0)
+            return self._reflection_of(self._glossy, "specularGlossinessTexture", colour, math.inf)
+        index = self._index()
         specular = self._extension("KHR_materials_specular")
-        colour = self._colour(specular, "specularColorFactor", (1.0, 1.0, 1.0), math.inf)
-        strengths = self._info(specular, "specularTexture")
-        colours = self._info(specular, "specularColorTexture")
-        if max(colour) != min(colour) or colours is not None:
+        colour = self._colour(specular, "specularColorFactor", WHITE, math.inf)
+        strength = self._share(specular, "specularFactor", 1.0)
+        info = self._info(specular, "specularTexture")
+        reflection = self._reflection_of(specular, "specularColorTexture", colour, index).weakened(strength)
+        return reflection if info is None else reflection.weakened(self._alpha_of(info, 1.0))
+
+    def _reflection_of(self, owner: dict[str, Any], texture: str, factor: RGB, index: float) -> Reflection:
+        """By a colour, times a texture, of what an index of refraction reflects head-on."""
+        most = head_on(index) if index < math.inf else 1.0
+        red, green, blue = (most * channel for channel in factor)
+        info = self._info(owner, texture)
+        if info is not None:
+            colours = self._textures.color(info, (red, green, blue), self._name)
+            found = textured_reflection(colours, max(red, green, blue))
+        elif factor == WHITE and index < math.inf:
+            return Reflection(index)
+        else:
+            found = reflection_of((min(red, 1.0), min(green, 1.0), min(blue, 1.0)))
+        if found.greyed:
             self._warn("the colour of its reflection is taken as grey")
-        share = self._share(specular, "specularFactor", 1.0) * sum(colour) / 3.0
-        root = min(math.sqrt(share) * (ior - 1.0) / (ior + 1.0), _MOST_ROOT)
-        eta = ior if share == 1.0 else (1.0 + root) / (1.0 - root)
-        shown: Number = 1.0 if strengths is None else self._alpha_of(strengths, 1.0)
-        if colours is None:
-            return eta, shown
-        if shown != 1.0:
-            self._warn("specularColorTexture is ignored beside specularTexture")
-            return eta, shown
-        return eta, each_texel(self._textures.color(colours, (1.0, 1.0, 1.0), self._name), _grey)
+        return found
 
     def _is_solid(self) -> bool:
         volume = self._extension("KHR_materials_volume")
@@ -429,8 +460,3 @@ def _clearcoat_gloss(roughness: _Numbers) -> _Numbers:
     """The gloss whose microfacets are as rough as glTF's: alpha = roughness², between 0.1 (gloss 0) and 0.001 (1)."""
     gloss = np.clip((0.1 - roughness * roughness) / (0.1 - 0.001), 0.0, 1.0)
     return float(gloss) if isinstance(roughness, float) else gloss.astype(np.float32)
-
-
-def _grey(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The mean of the channels, in all of them."""
-    return np.repeat(pixels.mean(axis=2, keepdims=True), 3, axis=2)

@@ -243,7 +243,11 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
         blend(
             Picture(0.9 * RGBA[:, :, 3]),
             principled(roughness=1.0),
-            {"type": "principledthin", "base_color": Picture(COLORS * [0.5, 0.6, 1.0]), "diff_trans": 2.0},
+            blend(
+                0.04,
+                {"type": "principledthin", "base_color": Picture(COLORS * [0.5, 0.6, 1.0]), "diff_trans": 2.0},
+                {"type": "principled", "base_color": 1.0, "metallic": 1.0, "roughness": 1.0},
+            ),
         ),
     ),
 }

@@ -51,7 +51,7 @@ def test_sheen_is_the_mean_of_its_colours(tmp_path: Path) -> None:
 
 
 def test_a_texture_of_strength_blends_with_what_hardly_reflects(tmp_path: Path) -> None:
-    bsdf, _ = layers(tmp_path, "specular", {"specularTexture": TEXTURE})
+    bsdf, _ = layers(tmp_path, "specular", {"specularTexture": TEXTURE}, metallicFactor=0.0)
     assert isinstance(bsdf, Blend)
     assert isinstance(bsdf.first, Principled)
     assert isinstance(bsdf.second, Principled)
@@ -59,23 +59,25 @@ def test_a_texture_of_strength_blends_with_what_hardly_reflects(tmp_path: Path) 
     assert shown(bsdf.weight) == pytest.approx([0.2, 0.8])
 
 
-def test_colours_of_reflections_are_grey(tmp_path: Path) -> None:
+def test_colours_of_faint_reflections_are_grey(tmp_path: Path) -> None:
     values = {"specularColorFactor": [0.9, 0.3, 0.3], "specularFactor": 0.5}
-    bsdf, said = layers(tmp_path, "specular", values)
-    assert isinstance(bsdf, Principled)
-    assert ((bsdf.eta - 1) / (bsdf.eta + 1)) ** 2 == pytest.approx(0.25 * 0.04)
+    bsdf, said = layers(tmp_path, "specular", values, metallicFactor=0.0)
+    assert isinstance(bsdf, Blend)
+    assert isinstance(bsdf.second, Principled)
+    assert bsdf.weight == 0.5
+    assert ((bsdf.second.eta - 1) / (bsdf.second.eta + 1)) ** 2 == pytest.approx(0.5 * 0.04)
     assert "the colour of its reflection is taken as grey" in said
     with pytest.raises(SceneError, match="specularColorFactor must not be negative"):
-        layers(tmp_path, "specular", {"specularColorFactor": [-1, 0, 0]})
+        layers(tmp_path, "specular", {"specularColorFactor": [-1, 0, 0]}, metallicFactor=0.0)
 
 
 def test_sheets_are_rough_where_the_surface_is(tmp_path: Path) -> None:
-    rough, said = layers(tmp_path, "transmission", {"transmissionFactor": 0.5}, roughnessFactor=0.3)
+    rough, said = layers(tmp_path, "transmission", {"transmissionFactor": 0.5}, roughnessFactor=0.3, metallicFactor=0)
     assert isinstance(rough, Blend)
     assert isinstance(rough.second, RoughPane)
     assert (rough.second.roughness, rough.second.eta, rough.weight) == (0.3, 1.5, 0.5)
     assert "blurred" not in said
-    smooth, _ = layers(tmp_path, "transmission", {"transmissionFactor": 0.5}, roughnessFactor=0.0)
+    smooth, _ = layers(tmp_path, "transmission", {"transmissionFactor": 0.5}, roughnessFactor=0.0, metallicFactor=0)
     assert isinstance(smooth, Blend)
     assert isinstance(smooth.second, ThinDielectric)
 
@@ -87,10 +89,12 @@ def test_light_goes_diffusely_through(mode: str, weights: list[float] | None, tm
         "diffuseTransmissionTexture": TEXTURE,
         "diffuseTransmissionColorFactor": [0.1, 0.2, 0.3],
     }
-    bsdf, _ = layers(tmp_path, "diffuse_transmission", values, mode)
+    bsdf, _ = layers(tmp_path, "diffuse_transmission", values, mode, metallicFactor=0.0)
     assert isinstance(bsdf, Blend)
-    assert isinstance(bsdf.second, Translucent)
-    assert bsdf.second.transmittance == (0.1, 0.2, 0.3)
+    assert isinstance(bsdf.second, Blend)  # of which 4 % reflect as the surface does
+    assert bsdf.second.weight == pytest.approx(0.04)
+    assert isinstance(bsdf.second.first, Translucent)
+    assert bsdf.second.first.transmittance == (0.1, 0.2, 0.3)
     if weights is None:
         assert bsdf.weight == 0.5
     else:

@@ -15,7 +15,7 @@ import pytest
 from test_gltf_extensions import square, uri
 
 from wdpm.scenes import Bitmap, SceneError, load
-from wdpm.scenes.model.bsdfs import Blend, Bsdf, Conductor, Diffuse, Principled
+from wdpm.scenes.model.bsdfs import Blend, Bsdf, Principled
 
 GLOSSY = "KHR_materials_pbrSpecularGlossiness"
 
@@ -103,14 +103,15 @@ def test_a_coloured_gloss_is_a_metals_beside_what_it_leaves_to_the_diffuse_colou
     values = {"diffuseFactor": [1.0, 0.5, 0.0, 1.0], "specularFactor": [0.2, 0.6, 0.2], "glossinessFactor": 0.5}
     bsdf, _ = looks(tmp_path, GLOSSY, values)
     assert isinstance(bsdf, Blend)
-    assert isinstance(bsdf.first, Diffuse)
-    assert isinstance(bsdf.second, Conductor)
+    assert isinstance(bsdf.first, Principled)
+    assert isinstance(bsdf.second, Principled)
     assert isinstance(bsdf.weight, float)
-    reflected = [(1.0 - bsdf.weight) * channel for channel in bsdf.first.reflectance]  # type: ignore[union-attr]
-    assert reflected == pytest.approx([0.4, 0.2, 0.0])
-    metal = [bsdf.weight * channel for channel in bsdf.second.specular_reflectance]  # type: ignore[union-attr]
-    assert metal == pytest.approx([0.2, 0.6, 0.2])
-    assert bsdf.second.alpha_u == 0.25
+    assert (bsdf.first.base_color, bsdf.first.metallic, bsdf.second.metallic) == ((1.0, 0.5, 0.0), 0.0, 1.0)
+    grey = ((bsdf.first.eta - 1) / (bsdf.first.eta + 1)) ** 2
+    assert (1.0 - bsdf.weight) * (1.0 - grey) == pytest.approx(0.4)  # head-on
+    reflected = [(1.0 - bsdf.weight) * grey + bsdf.weight * channel for channel in bsdf.second.base_color]  # type: ignore[union-attr]
+    assert reflected == pytest.approx([0.2, 0.6, 0.2])
+    assert (bsdf.first.roughness, bsdf.second.roughness) == (0.5, 0.5)
 
 
 def test_a_gloss_out_of_range(tmp_path: Path) -> None:
