@@ -1,4 +1,8 @@
-"""Spot lights: full within one angle about their axis, falling linearly in the angle to none at another (Mitsuba)."""
+"""Spot lights: full within one angle about their axis, falling to none at another.
+
+Linearly in the angle (Mitsuba), or as the square of a line in the cosine (KHR_lights_punctual), where steepness is
+below 0.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +44,12 @@ def make_spots(features: Features) -> DeltaLightCode:
             return wp.vec3(0.0)
         value = deltas.color[spot]
         if cosine < deltas.number[spot, _BEAM]:
-            value = value * ((deltas.number[spot, _ANGLE] - acos_of(cosine)) * deltas.number[spot, _STEEPNESS])
+            steepness = deltas.number[spot, _STEEPNESS]
+            if steepness < 0.0:
+                line = (cosine - deltas.cutoff[spot]) * steepness
+                value = value * (line * line)
+            else:
+                value = value * ((deltas.number[spot, _ANGLE] - acos_of(cosine)) * steepness)
         if wp.static(features.textured_lights):
             if deltas.texture[spot] >= 0:
                 # The image lies across the axis and spans the cone; v grows downwards in Mitsuba's, so here it falls.

@@ -21,8 +21,8 @@ _FAR = 1e10  # metres; glTF allows perspective cameras without a far plane
 def read_gltf_light(gltf: GltfFile, node: str, index: Any, to_world: Matrix, warnings: list[str]) -> Light:
     """A point, spot or directional light of KHR_lights_punctual.
 
-    A spot's intensity falls linearly in the angle between its two cones; the extension leaves the shape open. A `range`
-    is ignored: light falls with the square of the distance, and no further.
+    Between its two cones a spot falls as the extension recommends. A `range` is ignored: light falls with the square of
+    the distance, and no further.
 
     Args:
         node: name of the node that it hangs on.
@@ -51,7 +51,7 @@ def read_gltf_light(gltf: GltfFile, node: str, index: Any, to_world: Matrix, war
     outer = gltf.number(spot, "outerConeAngle", math.pi / 4.0)
     if not 0.0 <= inner < outer <= math.pi / 2.0:
         raise gltf.error(f'light "{name}": expected 0 <= innerConeAngle < outerConeAngle <= pi / 2')
-    return SpotLight(name, matrix, strength, math.degrees(outer), math.degrees(inner))
+    return SpotLight(name, matrix, strength, math.degrees(outer), math.degrees(inner), squared=True)
 
 
 def _light(gltf: GltfFile, index: Any) -> dict[str, Any]:

@@ -225,6 +225,6 @@ def _light(light: Any, to_world: Matrix) -> Light:
     matrix = facing_forward(to_world)
     if isinstance(light, trimesh.scene.lighting.SpotLight):
         outer, inner = math.degrees(light.outerConeAngle), math.degrees(light.innerConeAngle)
-        return SpotLight(light.name, matrix, (red, green, blue), outer, inner)
+        return SpotLight(light.name, matrix, (red, green, blue), outer, inner, squared=True)
     x, y, z = matrix[:3, 2].tolist()
     return DirectionalLight(light.name, (x, y, z), (red, green, blue))

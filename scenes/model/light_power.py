@@ -77,6 +77,12 @@ def spot_power(intensity: float, cutoff: float, beam: float) -> float:
     return intensity * 2.0 * math.pi * (1.0 - (math.sin(cutoff) - math.sin(beam)) / (cutoff - beam))
 
 
+def squared_spot_power(intensity: float, cutoff: float, beam: float) -> float:
+    """Likewise where f falls as the square of a line in the cosine."""
+    full, none = math.cos(beam), math.cos(cutoff)
+    return intensity * 2.0 * math.pi * (1.0 - full + (full - none) / 3.0)
+
+
 def pattern_mean(texture: Bitmap) -> float:
     """Mean of RGB of a texture over the unit square, at least LEAST_SHARE of the texture's own."""
     return _mean_at(texture, _square_grid())

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.model.light_kind import LightKind, LightRow
-from wdpm.scenes.model.light_power import pattern_mean, spot_pattern_mean, spot_power
+from wdpm.scenes.model.light_power import pattern_mean, spot_pattern_mean, spot_power, squared_spot_power
 from wdpm.scenes.model.textures import RGB, Bitmap
 
 __all__ = ["DirectionalLight", "Environment", "Light", "PointLight", "ProjectorLight", "SpotLight"]
@@ -160,13 +160,15 @@ class AimedLight(DeltaLight):
 
 @dataclass(frozen=True, eq=False)
 class SpotLight(AimedLight):
-    """A point that shines into a cone, as Mitsuba's `spot`: full inside beam_width, falling linearly to cutoff_angle.
+    """A point that shines into a cone: full inside beam_width, falling to cutoff_angle, as Mitsuba's `spot` or glTF's.
 
     Attributes:
         to_world: shape [4, 4]; the light sits at the origin and shines along +z.
         intensity: on the axis, linear RGB [W/sr].
         cutoff_angle, beam_width: half angles in degrees.
         texture: factor of the intensity over the cone, or None.
+        squared: whether it falls as the square of a line in the cosine (KHR_lights_punctual), not linearly in the
+            angle (Mitsuba).
     """
 
     KIND = LightKind(1, "spot", "spots", numbers=("beam", "angle", "steepness", "spread"))
@@ -175,12 +177,19 @@ class SpotLight(AimedLight):
     beam_width: float = 15.0
     texture: Bitmap | None = None
     medium: int | None = None
+    squared: bool = False
 
     def row(self) -> LightRow:
         """Its numbers: cosine of the half angle up to which it is full; the half angle beyond which there is no light
-        [radians]; 1 / (that minus the full one), 0 where the edge is sharp; its tangent, which the texture spans."""
+        [radians]; 1 / (that minus the full one), 0 where the edge is sharp; its tangent, which the texture spans.
+
+        Where it is squared, the third is 1 / (the cosine beyond which there is no light minus the first), below 0.
+        """
         cutoff, beam = self._angles()
-        steepness = 1.0 / (cutoff - beam) if cutoff > beam else 0.0
+        if self.squared and cutoff > beam:
+            steepness = 1.0 / (math.cos(cutoff) - math.cos(beam))
+        else:
+            steepness = 1.0 / (cutoff - beam) if cutoff > beam else 0.0
         x, y, z = (float(value) for value in self.at)
         return LightRow(
             self.intensity,
@@ -192,7 +201,7 @@ class SpotLight(AimedLight):
 
     def power(self, radius: float) -> float:  # noqa: ARG002 - all of it is in the scene
         cutoff, beam = self._angles()
-        power = spot_power(_mean(self.intensity), cutoff, beam)
+        power = (squared_spot_power if self.squared else spot_power)(_mean(self.intensity), cutoff, beam)
         return power if self.texture is None else power * spot_pattern_mean(self.texture, cutoff)
 
     def _angles(self) -> tuple[float, float]:

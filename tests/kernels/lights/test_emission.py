@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ LIGHTS: dict[str, tuple[bool, list[Light]]] = {
     "directional": (False, [SUN]),
     "environment": (False, [sky()]),
     "constant": (False, [Environment("constant", np.full((1, 1, 3), [1.0, 2.0, 3.0], np.float32))]),
+    "squared spot": (False, [replace(SPOT, squared=True)]),
     "all": (True, [POINT, SPOT, PROJECTOR, SUN, sky()]),
 }
 

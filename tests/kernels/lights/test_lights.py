@@ -162,6 +162,17 @@ def test_a_spot_falls_off_as_documented() -> None:
     np.testing.assert_array_equal(ways.pdf > 0, angles < 30)
 
 
+def test_a_squared_spot_falls_off_as_gltf_recommends() -> None:
+    """KHR_lights_punctual, Inner and Outer Cone Angles."""
+    angles = np.radians([0.0, 19.9, 21.0, 25.0, 29.0, 29.9, 30.1, 80.0])
+    local = np.stack([np.sin(angles), np.zeros(8), np.cos(angles), np.full(8, 0.5)], axis=1)
+    spot = replace(SPOT, squared=True)
+    ways = direct(table_of(others=[spot]), (local @ np.asarray(SPOT.to_world).T)[:, :3] * 2, 8)
+    outer, inner = np.cos(np.radians([30.0, 20.0]))
+    expected = np.clip((np.cos(angles) - outer) / (inner - outer), 0, 1)[:, None] ** 2 * np.array([4, 5, 6]) / 4
+    np.testing.assert_allclose(ways.radiance, expected, rtol=1e-3, atol=1e-6)
+
+
 def test_a_constant_environment() -> None:
     pixels = np.full((1, 1, 3), [1.0, 2.0, 3.0], np.float32)
     table = table_of(others=[Environment("constant", pixels)])
