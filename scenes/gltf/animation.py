@@ -1,7 +1,8 @@
 """Animations of glTF 2.0: where nodes are at a time.
 
-Source: Khronos Group, "glTF 2.0 Specification", section 3.11 and appendix C. Translation, rotation and scale of nodes;
-LINEAR (spherical for rotations), STEP and CUBICSPLINE. Before the first and after the last key, values stay.
+Source: Khronos Group, "glTF 2.0 Specification", section 3.11 and appendix C. Translation, rotation and scale of nodes,
+weights of morph targets; LINEAR (spherical for rotations), STEP and CUBICSPLINE. Before the first and after the last
+key, values stay.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from wdpm.scenes.gltf.container import GltfFile
 Values = NDArray[np.float64]
 
 WIDTHS: Final = {"translation": 3, "rotation": 4, "scale": 3}
-"""Numbers of what a channel drives."""
+"""Numbers of what a channel drives of a node's place."""
+
+WEIGHTS: Final = "weights"
+"""Of morph targets: as many numbers as there are of those."""
 
 _PARALLEL = 1.0 - 1e-9  # cosine from which on the sine between two rotations is too small to divide by
 
@@ -49,8 +53,9 @@ class Poses:
 
     def posed(self, node: dict[str, Any], index: int) -> dict[str, Any]:
         """A node with what animations make of it. Raises SceneError where it has a matrix, which cannot be animated."""
-        driven = {path: self._values[index, path] for path in WIDTHS if (index, path) in self._values}
-        if driven and "matrix" in node:
+        paths = (*WIDTHS, WEIGHTS)
+        driven = {path: self._values[index, path] for path in paths if (index, path) in self._values}
+        if driven.keys() & WIDTHS and "matrix" in node:
             raise self._gltf.error(f"broken glTF: nodes[{index}] is animated, but has a matrix")
         return {**node, **driven}
 
@@ -63,8 +68,9 @@ class Poses:
                 raise self._gltf.error(f"broken glTF: {where}: a channel is not an object")
             target = self._gltf.get(channel, "target", dict, {})
             path = self._gltf.get(target, "path", str, "")
-            if path not in WIDTHS or "node" not in target:
-                self._warn_once(f'{where}: what drives "{path}" is ignored; translation, rotation and scale are read')
+            if (path not in WIDTHS and path != WEIGHTS) or "node" not in target:
+                known = "translation, rotation, scale and weights are read"
+                self._warn_once(f'{where}: what drives "{path}" is ignored; {known}')
                 continue
             node = self._gltf.get(target, "node", int, -1)
             self._gltf.item("nodes", node)
@@ -84,15 +90,19 @@ class Poses:
         if how not in _BETWEEN:
             raise self._gltf.error(f'broken glTF: {where}: interpolation "{how}"; expected {", ".join(_BETWEEN)}')
         each = 3 if how == "CUBICSPLINE" else 1
-        if not len(keys) or keys.shape[1] != 1 or values.shape != (each * len(keys), WIDTHS[path]):
+        rows = each * len(keys)
+        if path == WEIGHTS and rows and values.shape[1] == 1 and len(values) % rows == 0:
+            values = values.reshape(rows, -1)
+        width: int = WIDTHS[path] if path in WIDTHS else values.shape[1]
+        if not rows or keys.shape[1] != 1 or values.shape != (rows, width):
             raise self._gltf.error(
                 f"broken glTF: {where}: {path} has keys of shape {keys.shape} and values of shape {values.shape}, "
-                f"expected ({each * len(keys)}, {WIDTHS[path]}) values"
+                f"expected ({rows}, {width}) values"
             )
         moments = keys[:, 0]
         if not (np.isfinite(moments).all() and np.isfinite(values).all() and (np.diff(moments) > 0.0).all()):
             raise self._gltf.error(f"broken glTF: {where}: {path} needs finite values at times that grow")
-        values = values.reshape(len(keys), each, WIDTHS[path])
+        values = values.reshape(len(keys), each, width)
         last = int(np.searchsorted(moments, time, side="right")) - 1
         if last < 0 or last == len(moments) - 1:
             found = values[max(last, 0), each // 2]

@@ -86,6 +86,7 @@ class GltfMaterial:
             them; else None.
         medium: what is behind its surfaces, or None.
         opaque: whether its alphaMode takes no notice of opacity.
+        double_sided: whether it is seen, and glows, from both sides.
     """
 
     material: Material
@@ -94,6 +95,7 @@ class GltfMaterial:
     vertex_tint: RGB | None = None
     medium: Medium | None = None
     opaque: bool = True
+    double_sided: bool = False
 
 
 class GltfMaterials:
@@ -139,6 +141,7 @@ class _Converter:
             self._glossy = self._extension(SPECULAR_GLOSSINESS)
             names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
             self._pbr = {new: self._glossy[old] for old, new in names.items() if old in self._glossy}
+        self._double_sided: bool = gltf.get(owner, "doubleSided", bool, False)
         self._uv_set: int | None = None
         self._medium: Medium | None = None
 
@@ -154,7 +157,8 @@ class _Converter:
         emission = self._emission()
         self._warn_about_rest()
         opaque = self._owner.get("alphaMode", "OPAQUE") == "OPAQUE"
-        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint, self._medium, opaque)
+        sides = self._double_sided and self._medium is None
+        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint, self._medium, opaque, sides)
 
     def _warn(self, message: str) -> None:
         self._warnings.append(f'material "{self._name}": {message}')
@@ -199,10 +203,9 @@ class _Converter:
         return value if info is None or value == 0.0 else self._textures.channel(info, channel, value, self._name)
 
     def _scattering(self, base: Color) -> Bsdf:
-        double_sided: bool = self._gltf.get(self._owner, "doubleSided", bool, False)
         if "KHR_materials_unlit" in self._extensions:
             self._warn("unlit: it is lit like any diffuse surface")
-            return TwoSided(Diffuse(base)) if double_sided else Diffuse(base)
+            return TwoSided(Diffuse(base)) if self._double_sided else Diffuse(base)
         bent = self._bending()
         transmission = self._extension("KHR_materials_transmission")
         through = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
@@ -211,7 +214,7 @@ class _Converter:
         metallic = self._metallic()
 
         def sided(surface: Bsdf) -> Bsdf:
-            return TwoSided(bent(surface)) if double_sided else bent(surface)
+            return TwoSided(bent(surface)) if self._double_sided else bent(surface)
 
         if metallic == 1.0:  # what is said of dielectrics is of no matter
             return sided(self._metal(base))
@@ -304,7 +307,7 @@ class _Converter:
         coat = self._extension("KHR_materials_clearcoat")
         clearcoat = self._number(coat, "clearcoatFactor", 0.0, "clearcoatTexture", RED)
         if clearcoat != 0.0:
-            self._warn("its clear coat is Disney's, of a quarter of the strength")
+            self._warn("its clear coat is Disney's, weaker than glTF's, most so at grazing angles")
         rough = self._number(coat, "clearcoatRoughnessFactor", 0.0, "clearcoatRoughnessTexture", GREEN)
         gloss = _clearcoat_gloss(rough) if isinstance(rough, float) else each_texel(rough, _clearcoat_gloss)
         return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
@@ -427,6 +430,8 @@ class _Converter:
         factor = np.array(self._gltf.numbers(self._owner, "emissiveFactor", [0.0, 0.0, 0.0]))
         strength = self._extension("KHR_materials_emissive_strength")
         factor = factor * self._gltf.number(strength, "emissiveStrength", 1.0)
+        if "KHR_materials_unlit" in self._extensions:  # all but the base colour is for those that do not know it
+            return None
         if factor.min() < 0:
             raise self._gltf.error(f'material "{self._name}": emission must not be negative')
         if factor.max() == 0:

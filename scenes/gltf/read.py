@@ -8,9 +8,8 @@ picture is in candelas per square metre; likewise one lux of a directional light
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,12 +20,15 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.animation import Poses
 from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.deform import Deformation, deformation_of, morphed, skinned
 from wdpm.scenes.gltf.draco import DRACO, decompress
-from wdpm.scenes.gltf.instancing import INSTANCING, places_of, rotations
+from wdpm.scenes.gltf.instancing import INSTANCING, places_of
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
 from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterial, GltfMaterials
+from wdpm.scenes.gltf.nodes import VISIBILITY, Node, nodes_of
 from wdpm.scenes.gltf.textures import WEBP, Images, images_of, read_image
 from wdpm.scenes.images.ahead import Ahead
+from wdpm.scenes.meshes.backs import are_closed, back_of
 from wdpm.scenes.meshes.framing import Frame, completed_scene, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.several import available_cores
@@ -45,6 +47,7 @@ _EXTENSIONS = MATERIAL_EXTENSIONS | {
     DRACO,
     WEBP,
     VARIANTS,
+    VISIBILITY,
 }
 MESHOPT = "EXT_meshopt_compression"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -81,7 +84,7 @@ class _Reader:
         self.poses = Poses(gltf, time, self.warnings)
         self.materials = GltfMaterials(gltf, self.warnings, images)
         self.meshes: list[Solid] = []
-        self._shapes: dict[int, Mesh | None] = {}
+        self._shapes: dict[tuple[int, tuple[float, ...]], list[Mesh]] = {}
         self._uses: Counter[object] = Counter()
         self.lights: list[Light] = []
         self.media: list[Medium] = []
@@ -89,10 +92,11 @@ class _Reader:
 
     def read(self, size: tuple[int, int] | None, wanted: str | None, frame: Frame | None) -> Scene:
         self._check_extensions()
-        nodes = list(self._nodes())
-        self._uses = Counter(node["mesh"] for _, node, _ in nodes if isinstance(node.get("mesh"), int))
-        for name, node, to_world in nodes:
-            self._read_node(name, node, to_world)
+        nodes = list(nodes_of(self.gltf, self.poses))
+        places = {node.index: node.to_world for node in nodes}
+        self._uses = Counter(node.values["mesh"] for node in nodes if isinstance(node.values.get("mesh"), int))
+        for node in nodes:
+            self._read_node(node, places)
         name = self.gltf.file.stem
         materials = [entry.material for entry in self.materials.materials]
         if not self.meshes:
@@ -131,78 +135,55 @@ class _Reader:
         if unread:
             self.warnings.append(f"extensions that are not read, with what they say left out: {', '.join(unread)}")
 
-    def _nodes(self) -> Iterator[tuple[str, dict[str, Any], Matrix]]:
-        """All nodes of the default scene with their transform to world space."""
-        stack: list[tuple[Any, Matrix]] = [(root, np.eye(4)) for root in reversed(self._roots())]
-        visited: set[int] = set()
-        while stack:
-            index, parent = stack.pop()
-            node = self.gltf.item("nodes", index)
-            if index in visited:
-                raise self.gltf.error(f"broken glTF: nodes[{index}] has two parents or is its own ancestor")
-            visited.add(index)
-            to_world = parent @ self._local(self.poses.posed(node, index), index)
-            yield self.gltf.get(node, "name", str, f"node {index}"), node, to_world
-            children = self.gltf.get(node, "children", list, [])
-            stack.extend((child, to_world) for child in reversed(children))
-
-    def _roots(self) -> list[Any]:
-        if self.gltf.count("scenes"):
-            return list(self.gltf.get(self.gltf.item("scenes", self.gltf.json.get("scene", 0)), "nodes", list, []))
-        nodes = [self.gltf.item("nodes", index) for index in range(self.gltf.count("nodes"))]
-        children = {
-            child for node in nodes for child in self.gltf.get(node, "children", list, []) if isinstance(child, int)
-        }
-        return [index for index in range(len(nodes)) if index not in children]
-
-    def _local(self, node: dict[str, Any], index: Any) -> Matrix:
-        if "matrix" in node:
-            matrix = np.array(self.gltf.numbers(node, "matrix", [0.0] * 16)).reshape(4, 4).T  # columns first
-            if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-                raise self.gltf.error(f"broken glTF: nodes[{index}].matrix is not affine")
-            return matrix
-        x, y, z, w = self.gltf.numbers(node, "rotation", [0.0, 0.0, 0.0, 1.0])
-        length = math.sqrt(x * x + y * y + z * z + w * w)
-        if not length > 0:
-            raise self.gltf.error(f"broken glTF: nodes[{index}].rotation is zero")
-        matrix = np.eye(4)
-        matrix[:3, :3] = rotations(np.array([[x, y, z, w]]) / length)[0]
-        matrix[:3, :3] *= np.array(self.gltf.numbers(node, "scale", [1.0, 1.0, 1.0]))
-        matrix[:3, 3] = self.gltf.numbers(node, "translation", [0.0, 0.0, 0.0])
-        return matrix
-
-    def _read_node(self, name: str, node: dict[str, Any], to_world: Matrix) -> None:
-        if "mesh" in node:
-            mesh = self.gltf.item("meshes", node["mesh"])
-            if "skin" in node:
-                self._warn_once(f'mesh "{name}": skinning is ignored, it stands as modelled')
-            places = places_of(self.gltf, node, name, to_world)
-            shared = places is not None or self._uses[node["mesh"]] > 1
-            for primitive in self.gltf.get(mesh, "primitives", list, []):
-                if not isinstance(primitive, dict):
-                    raise self.gltf.error("broken glTF: a primitive is not an object")
-                shape = self._shape(name, primitive, shared)
-                if shape is not None:
-                    self.meshes += [self._stand(name, shape, place, shared) for place in places or [to_world]]
-        if "camera" in node:
-            self.cameras.append((name, self.gltf.item("cameras", node["camera"]), to_world))
-        extensions = self.gltf.get(node, "extensions", dict, {})
+    def _read_node(self, node: Node, places: Mapping[int, Matrix]) -> None:
+        if "camera" in node.values:
+            self.cameras.append((node.name, self.gltf.item("cameras", node.values["camera"]), node.to_world))
+        if not node.visible:
+            return
+        if "mesh" in node.values:
+            self._read_mesh(node, places)
+        extensions = self.gltf.get(node.values, "extensions", dict, {})
         if "KHR_lights_punctual" in extensions:
             index = self.gltf.get(extensions, "KHR_lights_punctual", dict, {}).get("light")
-            self.lights.append(read_gltf_light(self.gltf, name, index, to_world, self.warnings))
+            self.lights.append(read_gltf_light(self.gltf, node.name, index, node.to_world, self.warnings))
+
+    def _read_mesh(self, node: Node, places: Mapping[int, Matrix]) -> None:
+        mesh = self.gltf.item("meshes", node.values["mesh"])
+        deformation = deformation_of(self.gltf, node.values, mesh, places)
+        if deformation.joints is not None:  # these say where it is
+            self.meshes += self._read_shapes(node.name, mesh, deformation)
+            return
+        stands = places_of(self.gltf, node.values, node.name, node.to_world)
+        shared = stands is not None or self._uses[node.values["mesh"]] > 1
+        for shape in self._shapes_of(node, mesh, deformation, shared):
+            self.meshes += [self._stand(node.name, shape, place, shared) for place in stands or [node.to_world]]
 
     def _warn_once(self, message: str) -> None:
         if message not in self.warnings:
             self.warnings.append(message)
 
-    def _shape(self, name: str, primitive: dict[str, Any], shared: bool) -> Mesh | None:
-        """A primitive in its mesh's own space; read once if several nodes share the mesh."""
-        if id(primitive) in self._shapes:
-            return self._shapes[id(primitive)]
-        shape = self._read_primitive(name, primitive)
+    def _shapes_of(self, node: Node, mesh: dict[str, Any], deformation: Deformation, shared: bool) -> list[Mesh]:
+        """A mesh in its own space; read once if several nodes share it."""
+        key = node.values["mesh"], deformation.weights
+        if key in self._shapes:
+            return self._shapes[key]
+        shapes = self._read_shapes(node.name, mesh, deformation)
         if shared:
-            self._shapes[id(primitive)] = shape
-        return shape
+            self._shapes[key] = shapes
+        return shapes
+
+    def _read_shapes(self, name: str, mesh: dict[str, Any], deformation: Deformation) -> list[Mesh]:
+        """The primitives of a mesh, and the backs of those that glow to both sides where the mesh is open."""
+        shapes = []
+        for primitive in self.gltf.get(mesh, "primitives", list, []):
+            if not isinstance(primitive, dict):
+                raise self.gltf.error("broken glTF: a primitive is not an object")
+            shape = self._read_primitive(name, primitive, deformation)
+            if shape is not None:
+                shapes.append(shape)
+        glowing = [each for each in shapes if each.emission is not None and len(each.faces)]
+        glowing = [each for each in glowing if self.materials.materials[each.material].double_sided]
+        return [*shapes, *map(back_of, glowing)] if glowing and not are_closed(shapes) else shapes
 
     def _stand(self, name: str, shape: Mesh, to_world: Matrix, shared: bool) -> Solid:
         """A primitive in world space."""
@@ -211,7 +192,7 @@ class _Reader:
         data = self._placed(MeshData(shape.vertices, shape.faces, shape.normals, shape.uvs), to_world, name)
         return replace(shape, name=name, vertices=data.vertices, faces=data.faces, normals=data.normals)
 
-    def _read_primitive(self, name: str, primitive: dict[str, Any]) -> Mesh | None:
+    def _read_primitive(self, name: str, primitive: dict[str, Any], deformation: Deformation) -> Mesh | None:
         mode = self.gltf.get(primitive, "mode", int, _TRIANGLES)
         if mode in (0, 1, 2, 3):
             self._warn_once(f'mesh "{name}": points and lines are ignored')
@@ -220,8 +201,6 @@ class _Reader:
         if "POSITION" not in attributes:
             self._warn_once(f'mesh "{name}": a primitive without positions is ignored')
             return None
-        if "targets" in primitive:
-            self._warn_once(f'mesh "{name}": morph targets are ignored')
         decompress(self.gltf, primitive)
         number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
         entry = self.materials.materials[number]
@@ -230,6 +209,10 @@ class _Reader:
             raise self.gltf.error(f"broken glTF: POSITION has {vertices.shape[1]} components, expected 3")
         faces = self._faces(primitive, mode, len(vertices), name)
         normals = self._attribute(attributes, "NORMAL", 3, len(vertices))
+        vertices, normals = morphed(self.gltf, primitive, deformation.weights, vertices, normals)
+        if deformation.joints is not None:
+            vertices, normals, mirrored = skinned(self.gltf, attributes, deformation.joints, vertices, normals)
+            faces = faces[:, ::-1] if mirrored else faces
         uvs = self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices))
         colors = None
         if entry.vertex_tint is not None:

@@ -15,10 +15,10 @@ from wdpm.blender.export.camera import image_size, pixel_filter, render_region
 from wdpm.blender.export.meshes import _welded
 from wdpm.blender.export.pixel_nodes import PIXEL_NODES, unsupported_mode
 from wdpm.blender.export.principled import base_share, read_principled
-from wdpm.blender.export.scene import _back, is_closed
 from wdpm.blender.export.shaders import on_both_sides
 from wdpm.blender.export.values import constant
 from wdpm.blender.export.world import TO_BLENDER, euler_matrix
+from wdpm.scenes.meshes.backs import back_of, is_closed
 from wdpm.scenes.meshes.primitives import cube, rectangle
 from wdpm.scenes.model.bsdfs import Blend, Dielectric, Diffuse, Mask, Null, Principled, TwoSided
 from wdpm.scenes.model.scene import Camera, FilterKind, Mesh
@@ -160,7 +160,7 @@ class TestMeshes:
 
     def test_the_back_of_what_glows_lies_behind_it_and_faces_back(self) -> None:
         front = Mesh("lamp", rectangle().vertices, rectangle().faces, rectangle().normals, None, 0, (1.0, 1.0, 1.0))
-        back = _back(front)
+        back = back_of(front)
         assert (back.vertices[:, 2] < 0).all()
         corners = back.vertices[back.faces[0]]
         assert np.cross(corners[1] - corners[0], corners[2] - corners[0])[2] < 0

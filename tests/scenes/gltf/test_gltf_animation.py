@@ -117,9 +117,20 @@ def test_what_is_driven_twice_is_told_and_the_first_holds(tmp_path: Path) -> Non
     assert any("is driven by another animation already" in warning for warning in scene.warnings)
 
 
-def test_morph_weights_are_left_out_with_a_word(tmp_path: Path) -> None:
-    scene = load(animated(tmp_path, "weights", [[5, 0, 0]] * 3), time=1.0)
-    assert any('what drives "weights" is ignored' in warning for warning in scene.warnings)
+@pytest.mark.parametrize(("time", "x"), [(0.0, 2.0), (1.5, 3.0), (2.0, 4.0), (3.0, 7.0), (9.0, 10.0)])
+def test_weights_of_morph_targets_move_vertices(tmp_path: Path, time: float, x: float) -> None:
+    """Two targets, each moving the corner by as much as it is away from the origin: keys have two weights each."""
+    weights = [[0.5], [0.5], [1.0], [2.0], [4.0], [5.0]]
+    targets = [{"POSITION": 0}] * 2
+    file = animated(
+        tmp_path, "weights", weights, meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "targets": targets}]}]
+    )
+    assert corner(file, time) == pytest.approx([x, 0, 0])
+
+
+def test_what_a_pointer_drives_is_left_out_with_a_word(tmp_path: Path) -> None:
+    scene = load(animated(tmp_path, "pointer", [[5, 0, 0]] * 3), time=1.0)
+    assert any('what drives "pointer" is ignored' in warning for warning in scene.warnings)
 
 
 @pytest.mark.parametrize(

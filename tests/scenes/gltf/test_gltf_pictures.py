@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_squares import Square, Wide, upwards
+from gltf_squares import CORNERS, FACES, Square, Wide, upwards
 
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.in_process import render_in_process
@@ -93,6 +93,32 @@ def test_emission_is_a_product_and_its_texture_not_linear(tmp_path: Path) -> Non
     square = Square({**glow, "extensions": strength}, [[[188, 255, 100]]])
     seen = square.seen(tmp_path, 5.0 * EYE).mean(axis=(0, 1))
     np.testing.assert_allclose(seen, 3.0 * np.array([1.0, 0.5, 0.25]) * linear([188, 255, 100]), rtol=1e-4)
+
+
+def test_what_is_unlit_has_but_its_base_colour(tmp_path: Path) -> None:
+    """KHR_materials_unlit: all else is for those who do not know it; here light falls on it none the less."""
+    material = matt((0.5, 0.25, 1.0), emissiveFactor=[1.0, 1.0, 1.0], normalTexture=TEXTURE)
+    square = Square(material | {"extensions": {"KHR_materials_unlit": {}}}, [[[255, 128, 128]]])
+    np.testing.assert_allclose(albedo(square, tmp_path), [0.5, 0.25, 1.0], rtol=2e-3)
+
+
+COATED = {"metallicFactor": 1.0, "roughnessFactor": 1.0, "baseColorFactor": [0.0, 0.0, 0.0, 1.0]}
+
+
+@pytest.mark.parametrize(("angle", "share"), [(0.01, 0.75), (45.0, 0.42), (60.0, 0.2)])
+def test_how_strong_a_clear_coat_is(angle: float, share: float, tmp_path: Path) -> None:
+    """The share of what KHR_materials_clearcoat reflects of light from all around that docs/scenes.md tells of ours."""
+    reflected = []
+    for values in ({}, {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.2}}):
+        square = Square({"pbrMetallicRoughness": COATED, "extensions": values})
+        dome = {"attributes": {"POSITION": square.add(CORNERS * 400.0)}, "indices": square.add(FACES.reshape(-1))}
+        square.document["meshes"].append({"primitives": [dome | {"material": 1}]})
+        square.document["materials"].append({"emissiveFactor": [1.0, 1.0, 1.0], "doubleSided": True})
+        square.document["nodes"].append({"mesh": 1, "translation": [0.0, 0.0, 8.0]})
+        seen = square.seen(tmp_path, 5.0 * upwards(angle), half=0.1, spp=4096, max_depth=3)
+        reflected.append(seen.mean())
+    asked = 0.04 + 0.96 * (1.0 - np.cos(np.radians(angle))) ** 5
+    assert (reflected[1] - reflected[0]) / asked == pytest.approx(share, abs=0.03)
 
 
 @pytest.mark.parametrize("double", [False, True])

@@ -75,7 +75,7 @@ def _scattering(node: Output, values: Values) -> Bsdf:
         values.note("Specular Tint of Principled BSDF is ignored")
     coat = values.read(node.input("Coat Weight")).number()
     if coat != 0.0:
-        values.note("the coat of Principled BSDF is Disney's, of a quarter of the strength and without a tint")
+        values.note("the coat of Principled BSDF is Disney's, weaker, most so at grazing angles, and without a tint")
     sheen = values.read(node.input("Sheen Weight")).number()
     if sheen != 0.0:
         values.note("the sheen of Principled BSDF is Disney's, without roughness and tint")

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from wdpm.blender.export.camera import read_camera
 from wdpm.blender.export.images import Images
@@ -16,14 +12,11 @@ from wdpm.blender.export.materials import Materials, Surface
 from wdpm.blender.export.meshes import Instance, Part, part_of, read_instances
 from wdpm.blender.export.notes import Notes
 from wdpm.blender.export.world import read_world
+from wdpm.scenes.meshes.backs import back_of, is_closed
 from wdpm.scenes.model.bsdfs import Null
 from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Material, Mesh, Scene
-from wdpm.scenes.model.transforms import normalized
-
-BACK_OFFSET = 1e-4
-"""Between the two sides of an open surface that glows, as a share of its size: ours glow to their front only."""
 
 
 def read_scene(depsgraph: Any) -> Scene:
@@ -91,7 +84,7 @@ def _meshes_of(instance: Instance, materials: Materials, override: Any) -> Itera
         mesh = _mesh(instance.name, part, surface)
         yield mesh
         if mesh.emission is not None and not is_closed(instance.geometry.faces):
-            yield _back(mesh)
+            yield back_of(mesh)
 
 
 def _mesh(name: str, part: Part, surface: Surface) -> Mesh:
@@ -107,31 +100,4 @@ def _mesh(name: str, part: Part, surface: Surface) -> Mesh:
         part.colors,
         interior=surface.medium,
         bounds=surface.medium is not None,
-    )
-
-
-def is_closed(faces: NDArray[np.int64]) -> bool:
-    """Whether each edge joins two faces, so that nobody sees the back.
-
-    Args:
-        faces: shape [F, 3], of vertices that faces share.
-    """
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    _, counts = np.unique(edges, axis=0, return_counts=True)
-    return bool((counts == 2).all())
-
-
-def _back(mesh: Mesh) -> Mesh:
-    """The same surface seen from behind, a little behind it."""
-    corners = mesh.vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(mesh.vertices)
-    for corner in range(3):
-        np.add.at(normals, mesh.faces[:, corner], across)
-    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    return replace(
-        mesh,
-        vertices=mesh.vertices - normalized(normals) * (BACK_OFFSET * size),
-        faces=np.ascontiguousarray(mesh.faces[:, ::-1]),
-        normals=None if mesh.normals is None else -mesh.normals,
     )
