@@ -240,10 +240,14 @@ class _Converter:
         return self._principled(base, self._index(), self._metallic(), through)
 
     def _pane(self, base: Color, eta: float) -> Bsdf:
-        """What KHR_materials_transmission lets through without a volume: a thin pane, rough where the surface is."""
+        """What KHR_materials_transmission lets through without a volume: a thin pane, rough where the surface is.
+
+        From an index of 1.5 on it blurs by the lobe of its reflection; below, by less, as Khronos' own viewer has it.
+        """
         roughness = self._roughness()
-        smooth = roughness == 0.0
-        return ThinDielectric(index_of_pane(eta), WHITE, base) if smooth else RoughPane(base, roughness, eta)
+        if roughness == 0.0:
+            return ThinDielectric(index_of_pane(eta), WHITE, base)
+        return RoughPane(base, roughness, eta, blur=min(max(2.0 * self._index() - 2.0, 1e-3), 1.0))
 
     def _sheet(self, sided: Callable[[Bsdf], Bsdf]) -> tuple[Number, Callable[[float], Bsdf]] | None:
         """Which share of a surface lets light diffusely through, and that share by its index of refraction.

@@ -309,12 +309,13 @@ class RoughPane(Leaf):
     Attributes:
         base_color: factor of what is let through.
         eta: index of refraction of the sheet over that around it.
+        blur: roughness of what is let through over that of what is reflected; 0 for Disney's, 0.65 eta - 0.35.
     """
 
     KIND = LeafKind(
         9,
         "rough pane",
-        in_order("base_color", "roughness", "eta", "anisotropic", "spec_tint"),
+        in_order("base_color", "roughness", "eta", "anisotropic", "spec_tint", "blur"),
         feature="rough_pane",
         always_rough=True,
         transmits=always,
@@ -326,6 +327,7 @@ class RoughPane(Leaf):
     eta: Number = 1.5
     anisotropic: Number = 0.0
     spec_tint: Number = 0.0
+    blur: float = 0.0
 
     @property
     def lets_through(self) -> bool:

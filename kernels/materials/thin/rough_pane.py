@@ -2,7 +2,7 @@
 
 The specular lobes of Mitsuba 3's `principledthin`, after Burley 2015, "Extending the Disney BRDF to a BSDF with
 Integrated Subsurface Scattering", section 4: a sheet does not bend light, but its two interfaces blur it, less so than
-a reflection does: roughness is scaled by 0.65 eta - 0.35. Both sides scatter alike.
+a reflection does: roughness is scaled by 0.65 eta - 0.35, or as glTF wants it. Both sides scatter alike.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ _ROUGHNESS = wp.constant(RoughPane.KIND.slots["roughness"])
 _ANISOTROPIC = wp.constant(RoughPane.KIND.slots["anisotropic"])
 _ETA = wp.constant(RoughPane.KIND.slots["eta"])
 _SPEC_TINT = wp.constant(RoughPane.KIND.slots["spec_tint"])
+_BLUR = wp.constant(RoughPane.KIND.slots["blur"])
 
 _LEAST_SHARE = wp.constant(wp.float32(0.05))
 """Of samples that reflect, and of those that do not."""
@@ -181,7 +182,10 @@ def make_rough_pane(features: Features) -> LeafCode:
         b.eta = wp.vec3(eta)
         anisotropic = number(materials, textures, node, _ANISOTROPIC, uv, color)
         b.alpha = principled_alpha(b.roughness, anisotropic)
-        through = principled_alpha((0.65 * eta - 0.35) * b.roughness, anisotropic)
+        blur = materials.value[node, _BLUR][0]
+        if blur == 0.0:
+            blur = 0.65 * eta - 0.35
+        through = principled_alpha(blur * b.roughness, anisotropic)
         b.k = wp.vec3(through[0], through[1], 0.0)
         b.spec_tint = number(materials, textures, node, _SPEC_TINT, uv, color)
         return b

@@ -1,8 +1,8 @@
 """Pictures of glTF files against Mitsuba's of the same square in the materials that they stand for.
 
 A square that one light shines on, from before or from behind, seen at a slant by parallel rays. A light of one
-direction and paths of two edges leave no noise, so pixels agree as far as float32 does. Mitsuba has no diffuse part as
-glTF's, so here the squares have Disney's; what glTF's is, test_layered.py has.
+direction and paths of two edges leave no noise, so pixels agree as far as float32 does. Mitsuba has no diffuse part and
+no panes as glTF's, so here the squares have Disney's; what glTF's are, test_layered.py and test_gltf_through.py have.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import load
-from wdpm.scenes.model.bsdfs import Bsdf, Principled
+from wdpm.scenes.model.bsdfs import Bsdf, Principled, RoughPane
 from wdpm.scenes.model.scene import Scene
 
 pytestmark = pytest.mark.slow
@@ -105,7 +105,9 @@ def theirs(mi: Any, bsdf: dict[str, Any], lamp: NDArray[np.float64]) -> NDArray[
 
 
 def with_disneys(bsdf: Bsdf) -> Bsdf:
-    """The same with Disney's diffuse part in place of glTF's."""
+    """The same with Disney's diffuse part, and Disney's blur of panes, in place of glTF's."""
+    if isinstance(bsdf, RoughPane):
+        return replace(bsdf, blur=0.0)
     if isinstance(bsdf, Principled):
         assert bsdf.layered
         return replace(bsdf, layered=False)

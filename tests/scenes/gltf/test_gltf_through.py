@@ -79,6 +79,18 @@ def test_a_thin_wall_is_tinted_and_reflects_as_one_surface(roughness: float, sha
     np.testing.assert_allclose(seen_through(square, tmp_path), (1.0 - HEAD_ON) * share * BASE, rtol=0.01)
 
 
+@pytest.mark.parametrize("lamp", [upwards(10.0, 180.0), upwards(35.0, 120.0)])
+def test_a_thin_wall_blurs_by_the_lobe_of_its_reflection(lamp: Wide, tmp_path: Path) -> None:
+    """KHR_materials_transmission: that of the reflection, sampled along the line of sight; times the base colour."""
+    square = Square(material(TRANSMISSION, roughness=0.5, transmissionFactor=1.0))
+    seen = square.scattered(tmp_path, EYE, lamp * [1.0, 1.0, -1.0], spp=64)
+    half = (EYE + lamp) / np.linalg.norm(EYE + lamp)
+    alpha2 = 0.5**4
+    density = alpha2 / (np.pi * (half[2] ** 2 * (alpha2 - 1.0) + 1.0) ** 2)
+    first, second = (1.0 / (w[2] + np.sqrt(alpha2 + (1.0 - alpha2) * w[2] ** 2)) for w in (EYE, lamp))
+    np.testing.assert_allclose(seen, (1.0 - HEAD_ON) * BASE * density * first * second * lamp[2], rtol=0.01)
+
+
 def test_specular_and_ior_of_a_thin_wall(tmp_path: Path) -> None:
     walls = {"KHR_materials_ior": {"ior": 2.0}, "KHR_materials_specular": {"specularFactor": 0.5}}
     thin = material(TRANSMISSION, roughness=0.0, transmissionFactor=1.0)
