@@ -210,6 +210,8 @@ def _make_bending(features: Features) -> wp.Function:
             normal = bumped_normal(frame, slope(textures, texture, uv) * materials.value[node, 0][0])
         else:
             normal = lookup(textures, texture, uv, color) * 2.0 - wp.vec3(1.0)
+            if materials.value[node, 1][0] * frame.dv[1] < 0.0:  # the texture lies mirrored here
+                normal = wp.vec3(normal[0], -normal[1], normal[2])
         return bend(frame, normal, towards)
 
     return bent_frame

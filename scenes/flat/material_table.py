@@ -42,7 +42,7 @@ class MaterialTable:
     """All materials. The first rows are the materials that triangles name; nodes inside them follow.
 
     A leaf's parameters are in the slots of its LeafKind; of an inner node slot 0 is an opacity, a weight, a height
-    (times its scale) or normals.
+    (times its scale) or normals, whose slot 1 is NormalMap.along_v.
 
     Attributes:
         kind: of leaves, scenes.model.leaf_kind; of inner nodes, the numbers above; int32, shape [N].
@@ -177,6 +177,7 @@ def _bump_map(table: _Writer, row: int, b: BumpMap) -> None:
 def _normal_map(table: _Writer, row: int, b: NormalMap) -> None:
     table.kind[row] = NORMAL_MAP
     table.put(row, 0, b.normals)
+    table.put(row, 1, b.along_v)
     table.nest(row, 0, b.nested)
 
 

@@ -411,7 +411,7 @@ class _Converter:
         if info is None:
             return lambda bsdf: bsdf
         normals = self._textures.normals(info, self._name)
-        return lambda bsdf: NormalMap(bsdf, normals)
+        return lambda bsdf: NormalMap(bsdf, normals, along_v=-1.0)  # v grows downwards
 
     def _with_opacity(self, bsdf: Bsdf, factor: float) -> Bsdf:
         mode = self._gltf.get(self._owner, "alphaMode", str, "OPAQUE")

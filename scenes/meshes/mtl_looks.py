@@ -174,7 +174,7 @@ def _principled(looks: Looks, pbr: Pbr) -> Principled:
 
 def _bent(looks: Looks, bsdf: Bsdf) -> Bsdf:
     if looks.normals is not None:
-        bsdf = NormalMap(bsdf, looks.normals)
+        bsdf = NormalMap(bsdf, looks.normals, along_v=1.0)
     return bsdf if looks.height is None else BumpMap(bsdf, looks.height, looks.height_scale)
 
 

@@ -393,10 +393,16 @@ class BumpMap(Bsdf):
 
 @dataclass(frozen=True, eq=False)
 class NormalMap(Bsdf):
-    """Replaces the shading normal by that of a texture, in the tangents' frame: (r, g, b) * 2 - 1."""
+    """Replaces the shading normal by that of a texture, in the tangents' frame: (r, g, b) * 2 - 1.
+
+    Attributes:
+        along_v: which way green leans: 1 to where v grows, -1 to where it falls. 0 for a quarter turn to the left of
+            where u grows, as Mitsuba has it, which is another way where a texture lies mirrored on the surface.
+    """
 
     nested: Bsdf
     normals: Texture
+    along_v: float = 0.0
 
     @property
     def follows_uvs(self) -> bool:

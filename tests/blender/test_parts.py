@@ -15,13 +15,14 @@ from wdpm.blender.export.camera import image_size, pixel_filter, render_region
 from wdpm.blender.export.meshes import _welded
 from wdpm.blender.export.pixel_nodes import PIXEL_NODES, unsupported_mode
 from wdpm.blender.export.principled import base_share, read_principled
-from wdpm.blender.export.shaders import on_both_sides
-from wdpm.blender.export.values import constant
+from wdpm.blender.export.shaders import Shaders, on_both_sides
+from wdpm.blender.export.values import Value, constant
 from wdpm.blender.export.world import TO_BLENDER, euler_matrix
 from wdpm.scenes.meshes.backs import back_of, is_closed
 from wdpm.scenes.meshes.primitives import cube, rectangle
-from wdpm.scenes.model.bsdfs import Blend, Dielectric, Diffuse, Mask, Null, Principled, TwoSided
+from wdpm.scenes.model.bsdfs import Blend, Dielectric, Diffuse, Mask, NormalMap, Null, Principled, TwoSided
 from wdpm.scenes.model.scene import Camera, FilterKind, Mesh
+from wdpm.scenes.model.textures import Bitmap
 
 RED, GREEN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
@@ -182,6 +183,16 @@ class TestMaterials:
         assert isinstance(bsdf, Principled)
         assert bsdf.metallic == 1.0
         assert 1.0 < bsdf.eta < 1.01
+
+    def test_green_of_normal_maps_leans_to_where_v_grows(self) -> None:
+        normals = Value(np.full((2, 2, 3), 0.5), image=Bitmap("bumps", np.zeros((2, 2, 3), np.float32)))
+        given = {"Color": normals, "Strength": constant(1.0)}
+        node = SimpleNamespace(space="TANGENT", bl_idname="ShaderNodeNormalMap")
+        source = SimpleNamespace(kind=node.bl_idname, node=node, input=lambda name: given[name])
+        surface = SimpleNamespace(has=lambda _: True, input=lambda _: SimpleNamespace(source=source))
+        bent = Shaders(SimpleNamespace(read=lambda value: value)).bent(Diffuse(), surface)  # type: ignore[arg-type]
+        assert isinstance(bent, NormalMap)
+        assert bent.along_v == 1.0
 
     def test_surfaces_are_seen_from_both_sides(self) -> None:
         glass = Dielectric()

@@ -165,6 +165,7 @@ def test_maps(tmp_path: Path) -> None:
     assert isinstance(bump, BumpMap)
     assert bump.scale == 0.25
     assert isinstance(bump.nested, NormalMap)
+    assert bump.nested.along_v == 1.0
     diffuse = bump.nested.nested
     assert isinstance(diffuse, Diffuse)
     wood = diffuse.reflectance

@@ -61,6 +61,18 @@ def test_a_flat_normal_map_changes_nothing_else() -> None:
     np.testing.assert_allclose(found.lit, 1.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("along_v", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize("falls", [False, True])
+def test_green_leans_along_v_where_it_is_told_to(falls: bool, along_v: float) -> None:
+    """Left of where u grows, which is where v grows unless the texture is mirrored, if nothing is said."""
+    dp_dv = (0.3, -1.0 if falls else 1.0, 0.0)
+    bsdf = NormalMap(Diffuse(), flat((0.6, 0.8, 0.9)), along_v=along_v)
+    (normal,) = probe([bsdf], dp_dv=dp_dv, towards=(0.0, 0.0, 1.0)).resolved["n"]
+    leans = {0.0: 1.0, 1.0: np.sign(dp_dv[1]), -1.0: -np.sign(dp_dv[1])}[along_v]
+    expected = np.array([0.2, 0.6 * leans, 0.8])
+    np.testing.assert_allclose(normal, expected / np.linalg.norm(expected), atol=1e-6)
+
+
 def test_normals_of_no_length_bend_nothing() -> None:
     points = random_points(8, 50, smooth=False)
     found = probe([NormalMap(Diffuse(), flat((0.5, 0.5, 0.5)))], **points)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gltf_squares import CORNERS, FACES, Square, Wide, upwards
+from gltf_squares import CORNERS, FACES, UVS, Square, Wide, upwards
 
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.in_process import render_in_process
@@ -140,6 +140,28 @@ def test_normal_maps_have_red_to_the_right_and_green_upwards(green: int, scale: 
     for lamp in (upwards(20.0, 90.0), upwards(25.0, 200.0)):
         seen = square.scattered(tmp_path, EYE, lamp) * np.pi
         np.testing.assert_allclose(seen, bent @ lamp, rtol=0.01)
+
+
+MAPPINGS = {
+    "mirrored": (UVS * [-1, 1] + [1, 0], [-1.0, 0.0], [0.0, 1.0]),
+    "upside down": (UVS * [1, -1] + [0, 1], [1.0, 0.0], [0.0, -1.0]),
+    "turned": (UVS[:, ::-1], [0.0, -1.0], [-1.0, 0.0]),
+}
+"""Texture coordinates, and where red and green lean to on the square."""
+
+
+@pytest.mark.parametrize("mapping", MAPPINGS)
+def test_normal_maps_follow_the_texture(mapping: str, tmp_path: Path) -> None:
+    """Red leans to where u grows, green to where v falls, also where both are no right-handed pair."""
+    uvs, red, green = MAPPINGS[mapping]
+    texel = np.array([160, 200, 230])
+    square = Square(matt(normalTexture=TEXTURE), [[texel]])
+    square.attribute("TEXCOORD_0", uvs.astype("<f4"))
+    x, y, z = texel / 255.0 * 2.0 - 1.0
+    bent = np.array([*(x * np.array(red) + y * np.array(green)), z])
+    for lamp in (upwards(20.0, 90.0), upwards(25.0, 200.0)):
+        seen = square.scattered(tmp_path, EYE, lamp) * np.pi
+        np.testing.assert_allclose(seen, bent / np.linalg.norm(bent) @ lamp, rtol=0.01)
 
 
 @pytest.mark.parametrize("shared", [False, True])

@@ -127,7 +127,7 @@ class Shaders:
             vectors /= np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-20)
             normals = replace(normals, array=vectors * 0.5 + 0.5)
         texture = normals.color(1.0)
-        return NormalMap(bsdf, texture) if isinstance(texture, Bitmap) else bsdf
+        return NormalMap(bsdf, texture, along_v=1.0) if isinstance(texture, Bitmap) else bsdf
 
     def _bump(self, bsdf: Bsdf, node: Output) -> Bsdf:
         height = self.values.read(node.input("Height"))
