@@ -196,19 +196,25 @@ def test_spots(inner: float, outer: float, tmp_path: Path) -> None:
     np.testing.assert_allclose(pixels, expected, rtol=0.02, atol=0.02)
 
 
+LENSES = {
+    "perspective": {"yfov": 2.0 * np.arctan(0.5), "aspectRatio": 2.0, "znear": 0.1},
+    "orthographic": {"xmag": 4.0, "ymag": 2.0, "znear": 0.1, "zfar": 10.0},
+}
+"""What sees 4 in height at a distance of 4, and twice as much in width."""
+
+
+@pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("size", [(40, 20), (20, 20), (16, 32)])
-def test_a_camera_sees_its_height(size: tuple[int, int], tmp_path: Path) -> None:
+def test_a_camera_sees_its_height(size: tuple[int, int], lens: str, tmp_path: Path) -> None:
     """`yfov` is the vertical field of view, whatever the aspect ratio of the picture is."""
     square = Square({"emissiveFactor": [1.0, 1.0, 1.0]})
-    lens = {"yfov": 2.0 * np.arctan(0.5), "aspectRatio": 2.0, "znear": 0.1}
-    square.document["cameras"] = [{"type": "perspective", "perspective": lens}]
+    square.document["cameras"] = [{"type": lens, lens: LENSES[lens]}]
     square.document["nodes"].append({"camera": 0, "translation": [0.0, 0.0, 4.0]})
-    assert (load(square.written(tmp_path)).camera.width, load(square.written(tmp_path)).camera.height) == (1024, 512)
-    scene = load(square.written(tmp_path), size=size)
+    file = square.written(tmp_path)
+    assert (load(file).camera.width, load(file).camera.height) == (1024, 512)
     settings = RenderSettings(integrator=Integrator.PATH, spp=16, all_effects=True)
-    lit = render_in_process(scene, settings, workers=1).pixels[:, :, 0] > 0.5
+    lit = render_in_process(load(file, size=size), settings, workers=1).pixels[:, :, 0] > 0.5
     rows, columns = np.flatnonzero(lit.any(axis=1)), np.flatnonzero(lit.any(axis=0))
-    height = size[1]  # 4 high at a distance of 4, of which the square has 2
+    height = size[1]  # of which the square has half
     assert (rows[0], rows[-1]) == (height // 4, 3 * height // 4 - 1)
-    shown = min(size[0], height // 2)
-    assert columns[-1] - columns[0] + 1 == shown
+    assert columns[-1] - columns[0] + 1 == min(size[0], height // 2)
