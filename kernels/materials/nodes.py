@@ -99,8 +99,8 @@ class ParameterCode:
         value: `(materials, textures, node, slot, uv, color) -> vec3`: a colour.
         number: `(materials, textures, node, slot, uv, color) -> float`: a number; of a texture, its luminance.
         roughness: likewise, not below zero.
-        share: `(materials, textures, node, uv, color) -> float`: slot 0 in [0, 1], opacity of a MASK or weight of a
-            BLEND.
+        share: `(materials, textures, node, uv, color) -> float`: slot 0 in [0, 1], opacity of a MASK, 0 or 1 where it
+            has a cutoff, or weight of a BLEND.
     """
 
     value: wp.Function
@@ -161,6 +161,12 @@ def make_parameters(features: Features) -> ParameterCode:
     def share(
         materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
     ) -> wp.float32:
-        return wp.clamp(number(materials, textures, node, 0, uv, color), 0.0, 1.0)
+        found = number(materials, textures, node, 0, uv, color)
+        cutoff = materials.value[node, 1][0]
+        if cutoff > 0.0:
+            if found < cutoff:
+                return wp.float32(0.0)
+            return wp.float32(1.0)
+        return wp.clamp(found, 0.0, 1.0)
 
     return ParameterCode(value, number, roughness, share)

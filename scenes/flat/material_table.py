@@ -42,7 +42,7 @@ class MaterialTable:
     """All materials. The first rows are the materials that triangles name; nodes inside them follow.
 
     A leaf's parameters are in the slots of its LeafKind; of an inner node slot 0 is an opacity, a weight, a height
-    (times its scale) or normals, whose slot 1 is NormalMap.along_v.
+    (times its scale) or normals, and slot 1 Mask.cutoff or NormalMap.along_v.
 
     Attributes:
         kind: of leaves, scenes.model.leaf_kind; of inner nodes, the numbers above; int32, shape [N].
@@ -158,6 +158,7 @@ def _two_sided(table: _Writer, row: int, b: TwoSided) -> None:
 def _mask(table: _Writer, row: int, b: Mask) -> None:
     table.kind[row] = MASK
     table.put(row, 0, b.opacity)
+    table.put(row, 1, b.cutoff)
     table.nest(row, 0, b.nested)
 
 

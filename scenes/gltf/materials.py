@@ -426,9 +426,10 @@ class _Converter:
             opacity = factor if cutoff is None else float(factor >= cutoff)
             return bsdf if opacity == 1.0 else Mask(bsdf, opacity)
         pixels = bitmap.pixels * np.float32(factor)
-        if cutoff is not None:
-            pixels = (pixels >= np.float32(cutoff)).astype(np.float32)
-        return bsdf if pixels.min() == 1.0 else Mask(bsdf, replace(bitmap, pixels=pixels))
+        if pixels.min() >= (1.0 if cutoff is None else np.float32(cutoff)):
+            return bsdf
+        # a little less than the cutoff, which texels of just this opacity are not to miss by rounding
+        return Mask(bsdf, replace(bitmap, pixels=pixels), 0.0 if cutoff is None else cutoff * (1.0 - 1e-6))
 
     def _emission(self) -> RGB | Bitmap | None:
         factor = np.array(self._gltf.numbers(self._owner, "emissiveFactor", [0.0, 0.0, 0.0]))

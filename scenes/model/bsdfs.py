@@ -359,10 +359,15 @@ class TwoSided(Bsdf):
 
 @dataclass(frozen=True, eq=False)
 class Mask(Bsdf):
-    """Lets light pass where `opacity` is below 1."""
+    """Lets light pass where `opacity` is below 1.
+
+    Attributes:
+        cutoff: opacity from which on nothing passes, and below which all does (glTF); 0 for none.
+    """
 
     nested: Bsdf
     opacity: Number = 0.5
+    cutoff: float = 0.0
 
     @property
     def lets_through(self) -> bool:

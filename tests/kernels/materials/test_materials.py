@@ -352,3 +352,14 @@ def test_bumps_need_an_image() -> None:
     table, textures = tabulate([(BumpMap(Diffuse(), heights), -2, -2)])
     with pytest.raises(SceneError, match='"height"'):
         facts(table, textures)
+
+
+def test_a_cutoff_makes_holes_of_what_is_less_opaque() -> None:
+    """For paths, shadow rays and the layer of opacity alike, between texels as well."""
+    uv = np.random.default_rng(5).uniform(0.0, 1.0, (200, 2))
+    soft = probe([Mask(Diffuse(), image(51))], uv=uv).opacity
+    cut = probe([Mask(Diffuse(), image(51), cutoff=0.5)], uv=uv, u_choice=0.999)
+    assert 0.2 < (soft >= 0.5).mean() < 0.8
+    np.testing.assert_array_equal(cut.opacity, soft >= 0.5)
+    np.testing.assert_array_equal(cut.straight[:, 0], soft < 0.5)
+    np.testing.assert_array_equal(cut.resolved["passes"], soft < 0.5)

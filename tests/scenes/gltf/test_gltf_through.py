@@ -111,6 +111,20 @@ def test_coverage(mode: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, shown, atol=0.01)
 
 
+@pytest.mark.parametrize("cutoff", [0.2, 0.5, 0.8])
+def test_a_mask_cuts_what_lies_between_texels(cutoff: float, tmp_path: Path) -> None:
+    """Its edge is where the interpolated opacity is the cutoff, and sharp."""
+    pbr = {"baseColorFactor": [0.0, 0.0, 0.0, 1.0], "baseColorTexture": {"index": 0}}
+    square = Square(
+        {"pbrMetallicRoughness": pbr, "alphaMode": "MASK", "alphaCutoff": cutoff}, [[[9, 9, 9, 0], [9, 9, 9, 255]]]
+    )
+    square.document["samplers"] = [{}]
+    pixels = before_a_lamp(square).seen(tmp_path, np.array([0.0, 0.0, 5.0]), half=0.5, side=20, spp=64, max_depth=4)
+    edge = 10.0 + 20.0 * (cutoff - 0.5)  # from one texel's middle to the other's, a pixel a twentieth
+    expected = np.clip(edge - np.arange(20), 0.0, 1.0)
+    np.testing.assert_allclose(pixels[:, :, 0], np.tile(expected, (20, 1)), atol=0.05)
+
+
 def test_a_filled_solid_absorbs_and_is_tinted_once(tmp_path: Path) -> None:
     """KHR_materials_volume: c to the way over the distance; the base colour here by its root at either surface."""
     square = Square(material(TRANSMISSION, roughness=0.0, transmissionFactor=1.0))
