@@ -16,6 +16,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from wdpm.scenes.beside import file_beside
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.git_lfs import check_not_a_pointer
 from wdpm.scenes.meshes.mapped import FileBytes, let_go, map_file
@@ -217,9 +218,10 @@ class GltfFile:
                 raise self.error(f"broken glTF: data URI: {error}") from error
         if "://" in uri:
             raise self.error(f'"{uri[:60]}": only files beside the scene are read, nothing is fetched')
-        file = self.file.parent / unquote(uri)
-        if "\0" in str(file):
+        name = unquote(uri)
+        if "\0" in name:
             raise self.error(f"{uri!r} can be no name of a file")
+        file = file_beside(self.file, name)
         check_within(file, self.file)
         check_not_a_pointer(file, self.file)
         try:

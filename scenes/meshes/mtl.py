@@ -235,7 +235,7 @@ class _Converter:
             if keyword not in self.entry.values:
                 continue
             line, words = self.entry.values[keyword]
-            statement = read_statement(keyword, words, self.file.parent)
+            statement = read_statement(keyword, words, self.file)
             for note in statement.notes:
                 self._warn(keyword, note, keyword)
             if statement.file is not None:

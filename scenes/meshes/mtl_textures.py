@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.beside import file_beside
 from wdpm.scenes.meshes.text.words import is_number
 from wdpm.scenes.model.textures import Wrap
 from wdpm.scenes.scene_root import check_within
@@ -51,20 +52,20 @@ class TextureStatement:
         return self.wrap is Wrap.REPEAT and bool(np.array_equal(self.to_uv, np.eye(3)))
 
 
-def read_statement(keyword: str, words: Sequence[str], folder: Path) -> TextureStatement:
+def read_statement(keyword: str, words: Sequence[str], library: Path) -> TextureStatement:
     """The words behind a keyword. File names may hold blanks and a foreign system's separators.
 
     Args:
-        folder: that of the library, in which the file is looked for.
+        library: beside which the file is looked for.
     """
     options: dict[str, list[str]] = {}
     rest = list(words)
-    while rest and rest[0] in _OPTIONS and _find(rest, folder) is None:
+    while rest and rest[0] in _OPTIONS and _find(rest, library) is None:
         option = rest.pop(0)
         options[option] = []
         while rest and len(options[option]) < _OPTIONS[option] and (_OPTIONS[option] != 3 or is_number(rest[0])):
             options[option].append(rest.pop(0))
-    statement = _statement(keyword, options, _find(rest, folder))
+    statement = _statement(keyword, options, _find(rest, library))
     return replace(statement, notes=(*statement.notes, *_tiles_in_words(statement.file)))
 
 
@@ -83,10 +84,10 @@ def _tiles_in_words(file: Path | None) -> Iterator[str]:
         yield f'is in tiles (UDIM), of which the first is repeated: "{file.name}"'
 
 
-def _find(words: Sequence[str], folder: Path) -> Path | None:
+def _find(words: Sequence[str], library: Path) -> Path | None:
     if not words:
         return None
-    file = folder / " ".join(words).replace("\\", "/").replace(_PATTERN, _FIRST_TILE)
+    file = file_beside(library, " ".join(words).replace("\\", "/").replace(_PATTERN, _FIRST_TILE))
     if not file.is_file():
         return None
     check_within(file)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.beside import file_beside
 from wdpm.scenes.meshes.framing import Frame, framed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.mtl import MtlMaterial, read_mtl
@@ -127,8 +129,8 @@ def _read_own_library(
 ) -> dict[str, MtlMaterial]:
     """Materials that the libraries lack, from the one of the model's own name, which the file may not mention."""
     missing = {name for name in obj.materials if name and name not in known}
-    own = file.with_suffix(".mtl")
-    if not missing or not own.is_file():
+    own = next((own for own in _own_libraries(file) if own.is_file()), None)
+    if not missing or own is None:
         return {}
     notes: list[str] = []
     found = {name: entry for name, entry in read_mtl(own, notes).items() if name in missing}
@@ -138,12 +140,18 @@ def _read_own_library(
     return found
 
 
+def _own_libraries(file: Path) -> tuple[Path, Path]:
+    """The library that a model would have, also if that is a link."""
+    return file.with_suffix(".mtl"), Path(os.path.realpath(file)).with_suffix(".mtl")
+
+
 def _read_libraries(obj: ObjFile, file: Path, warnings: list[str]) -> dict[str, MtlMaterial]:
     found: dict[str, MtlMaterial] = {}
     for name, line in obj.libraries:
-        named = file.parent / name.replace("\\", "/")
+        named = name.replace("\\", "/")
         # exporters write paths of their own machine; the library then mostly lies beside the model
-        library = next((path for path in (named, file.parent / named.name) if path.is_file()), None)
+        wanted = [file_beside(file, each) for each in (named, Path(named).name)]
+        library = next((path for path in wanted if path.is_file()), None)
         if library is None:
             warnings.append(f'{file.name}:{line}: material library "{name}" not found: grey is used')
         else:

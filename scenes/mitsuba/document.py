@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
 
+from wdpm.scenes.beside import folders_beside
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.git_lfs import check_not_a_pointer
 from wdpm.scenes.mitsuba.rules import Rules
@@ -70,7 +71,7 @@ class Document:
 
     def resolve_file(self, name: str, at: Element) -> Path:
         """The file that a scene names, looked up beside the naming file, then in the search paths."""
-        for folder in (at.file.parent, *self.search_paths):
+        for folder in self._folders(at):
             if (folder / name).is_file():
                 check_within(folder / name, at.file, at.line)
                 check_not_a_pointer(folder / name, at.file, at.line)
@@ -78,7 +79,7 @@ class Document:
         raise at.error(f'file "{name}" not found (looked in {", ".join(map(str, self._folders(at)))})')
 
     def _folders(self, at: Element) -> list[Path]:
-        return list(dict.fromkeys([at.file.parent, *self.search_paths]))
+        return list(dict.fromkeys([*folders_beside(at.file), *self.search_paths]))
 
     def referenced(self, ref: Element) -> Element:
         """The element that a <ref id="..."/> names."""
@@ -111,10 +112,7 @@ def read_document(file: Path, defines: Mapping[str, str]) -> Document:
 
 
 def _check_no_circles(document: Document) -> None:
-    """Raise SceneError for an element that holds a reference to itself, however far inside.
-
-    Shapes are left to the reader of groups: those that no instance asks for may hold what they like.
-    """
+    """Raise SceneError for an element that holds a reference to itself, however far inside."""
     done: set[Element] = set()
     for start in document.ids.values():
         way = [start]  # from the outside in
@@ -127,7 +125,8 @@ def _check_no_circles(document: Document) -> None:
             at, inner = left[-1].pop()
             if inner in way:
                 name = inner.attributes.get("id", "")
-                raise at.error(f'the reference leads back to <{inner.tag}> "{name}": it would hold itself')
+                what = "an instance of itself" if inner.tag == "shape" else "itself"
+                raise at.error(f'the reference leads back to <{inner.tag}> "{name}": it would hold {what}')
             if inner not in done:
                 way.append(inner)
                 left.append(list(_inside(inner, document)))
@@ -137,7 +136,7 @@ def _inside(element: Element, document: Document) -> Iterator[tuple[Element, Ele
     """What an element holds, and where it says so; references to what is not there are left to whoever follows them."""
     for child in element.children:
         inner = document.ids.get(child.attributes.get("id", "")) if child.tag == "ref" else child
-        if inner is not None and inner.tag != "shape":
+        if inner is not None:
             yield child, inner
 
 
@@ -188,7 +187,7 @@ class _Reader:
     def _folder(self, element: Element, document: Document) -> Path:
         """Beside the file that names it or, as for other files, in one of the folders known so far."""
         value = element.attributes.get("value") or element.attribute("name")
-        folders = [element.file.parent / value, *(folder / value for folder in document.search_paths)]
+        folders = [folder / value for folder in (*folders_beside(element.file), *document.search_paths)]
         found = next((folder for folder in folders if folder.is_dir()), None)
         if found is None:
             raise element.error(f'<path>: folder "{folders[0]}" not found')

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.model.scene import Instance, Mesh
 from wdpm.scenes.model.transforms import Matrix
@@ -28,14 +27,13 @@ class GroupReader:
     def __init__(self, read_meshes: Callable[[Plugin], list[Mesh]]) -> None:
         self._read_meshes = read_meshes
         self._groups: dict[int, Members] = {}
-        self._open: list[Element] = []
         self._count = 0
 
     def read(self, plugin: Plugin) -> list[Instance]:
         """What an `instance` stands for, in world space.
 
         Raises:
-            SceneError: it names no group, the group holds an instance of itself, or its transform flattens space.
+            SceneError: it names no group, or its transform flattens space.
         """
         members = self._placed(plugin)
         self._count += len(members)
@@ -55,14 +53,12 @@ class GroupReader:
             found = "nothing" if group is None else f"{group}"
             raise plugin.error(f'{plugin} stands for {found}; expected a <ref> to a shape of type "shapegroup"')
         plugin.finish()
-        return [(mesh, matrix @ inner) for mesh, inner in self._members(group, plugin)]
+        return [(mesh, matrix @ inner) for mesh, inner in self._members(group)]
 
-    def _members(self, group: Plugin, at: Plugin) -> Members:
-        if any(element is group.element for element in self._open):
-            raise at.error(f'{group} "{group.name}" holds an instance of itself')
+    def _members(self, group: Plugin) -> Members:
+        """The meshes of a group. None holds itself: documents with circles are refused before."""
         key = id(group.element)
         if key not in self._groups:
-            self._open.append(group.element)
             members: Members = []
             for shape in group.take_nested("shape"):
                 if shape.type == "shapegroup":
@@ -74,6 +70,5 @@ class GroupReader:
                 if len(members) > MOST_INSTANCES:
                     raise shape.error(f"{group}: nested instances stand for more than {MOST_INSTANCES:,} meshes")
             group.finish()
-            self._open.pop()
             self._groups[key] = members
         return self._groups[key]

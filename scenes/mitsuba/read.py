@@ -85,6 +85,7 @@ class _SceneReader:
         self.shapes = ShapeReader(_count_spheres(document), self.warnings)
         self.groups = GroupReader(self._read_meshes)
         self.meshes: list[Solid] = []
+        self.unplaced: list[Plugin] = []  # groups, which stand where instances say
         self.lights: list[Light] = []
         self.sensors: list[Plugin] = []
         self.integrators: list[Plugin] = []
@@ -92,6 +93,10 @@ class _SceneReader:
     def read(self, size: Size | None, wanted: str | None, frame: Frame | None) -> Scene:
         for element in self.document.root.children:
             self._read_top_level(element)
+        if not self.meshes and self.unplaced:
+            raise self.unplaced[0].error(
+                'the scene is empty: no <shape type="instance"> puts what this group holds into it'
+            )
         max_depth = None
         for integrator in self.integrators[:1]:
             max_depth = read_integrator(integrator, self.warnings)
@@ -146,6 +151,7 @@ class _SceneReader:
         if plugin.type == "instance":
             self.meshes += self.groups.read(plugin)
         elif plugin.type == "shapegroup":
+            self.unplaced.append(plugin)
             if plugin.id is None:
                 self.warnings.append(f"line {plugin.line}: {plugin} without id: nothing can use it")
         else:

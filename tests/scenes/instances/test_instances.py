@@ -155,7 +155,9 @@ def test_where_a_triangle_of_an_instance_is_from(tmp_path: Path) -> None:
     [
         (['<shape type="instance"><ref id="red"/></shape>'], "stands for nothing"),
         (['<shape type="cube" id="c"/>', instance("", "c")], 'expected a <ref> to a shape of type "shapegroup"'),
-        ([f'<shape type="shapegroup" id="pair">{instance("")}</shape>', instance("")], "holds an instance of itself"),
+        ([group(instance("")), instance("")], 'leads back to <shape> "pair": it would hold an instance of itself'),
+        ([group(instance("")), MEMBERS[1].format("")], 'leads back to <shape> "pair"'),  # though nobody asks for it
+        ([group('<ref id="pair"/>')], 'leads back to <shape> "pair"'),
         ([group(group(MEMBERS[1].format("")).replace("pair", "inner")), instance("")], "holds another group"),
         ([group(MEMBERS[1].format("")), instance('<scale x="1" y="1" z="0"/>')], "flattens space"),
         ([group('<emitter type="area"/>'), instance("")], "takes no nested emitter"),
@@ -172,6 +174,13 @@ def test_what_cannot_be_is_one_line_with_its_place(tmp_path: Path, parts: list[s
     assert words in message
     assert "scene.xml:" in message
     assert "\n" not in message
+
+
+def test_groups_that_stand_nowhere_are_an_empty_scene(tmp_path: Path) -> None:
+    file = tmp_path / "scene.xml"
+    file.write_text('<scene version="3.0.0">\n<shape type="shapegroup" id="g"><shape type="cube"/></shape></scene>')
+    with pytest.raises(SceneError, match=r'xml:2: .*empty: no <shape type="instance"> puts what this group holds'):
+        load(file)
 
 
 def test_more_triangles_than_can_be_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
