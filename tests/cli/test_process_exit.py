@@ -76,9 +76,21 @@ def test_a_command_has_its_exit_code() -> None:
     assert good.stdout.startswith("usage: wdpm compare")
 
 
-def test_ctrl_c_before_a_command_has_begun_is_one_line(tmp_path: Path) -> None:
+CTRL_C_THAT_NUMPY_TAKES = """
+import os, signal
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(10_000_000):
+        pass
+except KeyboardInterrupt:
+    raise ImportError("numpy._core.multiarray failed to import") from None
+"""
+
+
+@pytest.mark.parametrize("begin", ["raise KeyboardInterrupt\n", CTRL_C_THAT_NUMPY_TAKES], ids=["raised", "lost"])
+def test_ctrl_c_before_a_command_has_begun_is_one_line(begin: str, tmp_path: Path) -> None:
     """What computes takes half a second to import, and no handler of a command's is there yet."""
-    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt\n")
+    (tmp_path / "argparse.py").write_text(begin)
     path = os.pathsep.join([str(tmp_path), *sys.path])
     command = [sys.executable, "-P", "-c", "from wdpm.__main__ import run; run()"]
     found = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path})
