@@ -334,9 +334,9 @@ def kept(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"k": 21}, "rendered with another settings"),
-        ({"photons": 2001}, "rendered with another settings"),
-        ({"seed": 1}, "rendered with another settings"),
+        ({"k": 21}, r"rendered with other settings \(k 20 where 21 is asked for\); give"),
+        ({"photons": 2001}, r"rendered with other settings \(.*photons 2000 where 2001 is asked for"),
+        ({"seed": 1}, r"rendered with other settings \(seed 0 where 1 is asked for\); give"),
         ({"passes": 1}, "passes is 1, but 2 are done already"),
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 
@@ -18,6 +18,12 @@ NOT_SETTINGS = frozenset({*CHANGE_NO_BIT, "spp", "passes", "pass_samples"})
 
 _OF_PASS = "samples of each part"
 """The one identity that differs from pass to pass."""
+
+
+_RECORDS = "irradiance records"
+
+_SEVERAL = (_OF_PASS, _RECORDS)
+"""Names that stand for more than one thing, besides settings."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +60,10 @@ class JournalHead:
 def head_of(prepared: Prepared, session: Session, plan: PassPlan) -> JournalHead:
     """Of a pass that is to be rendered."""
     camera = session.view.camera
-    chosen = {
-        name: str(value.value if isinstance(value, Enum) else value)
-        for name, value in asdict(prepared.settings).items()
-        if name not in NOT_SETTINGS
-    }
-    loaded = {"irradiance records": digest(session.records), _OF_PASS: digest(session.view.allotment)}
+    loaded = {_RECORDS: digest(session.records), _OF_PASS: digest(session.view.allotment)}
     return JournalHead(
         {**prepared.identity, **loaded},
-        chosen,
+        settings_in_words(prepared),
         versions(),
         plan.number,
         plan.first_sample,
@@ -72,6 +73,15 @@ def head_of(prepared: Prepared, session: Session, plan: PassPlan) -> JournalHead
         dict(session.layers),
         session.view.bucket,
     )
+
+
+def settings_in_words(prepared: Prepared) -> dict[str, str]:
+    """Those that the bits of a pass depend on, by name."""
+    return {
+        name: str(value.value if isinstance(value, Enum) else value)
+        for name, value in asdict(prepared.settings).items()
+        if name not in NOT_SETTINGS
+    }
 
 
 def is_of_later_pass(before: JournalHead, now: JournalHead) -> bool:
@@ -91,20 +101,34 @@ def differences(before: JournalHead, now: JournalHead) -> list[str]:
     """What a journal is of that is not to be rendered, in words; empty if it can be gone on with."""
     found = []
     if before.versions != now.versions:
-        found += [f"another version ({', '.join(_changed(before.versions, now.versions))})"]
-    changed = [name for name, value in now.identity.items() if before.identity.get(name) != value]
-    for name in changed:
-        if name != "settings":
-            found += [f"another {name}" if not name.endswith("s") else f"other {name}"]
-        elif "scene" not in changed:  # some are chosen by the scene: they would be blamed in its place
-            found += [f"other settings ({', '.join(_changed(before.settings, now.settings))})"]
+        found += [f"another version ({', '.join(changed_settings(before.versions, now.versions))})"]
+    found += other_parts(before.identity, now.identity, list(changed_settings(before.settings, now.settings)))
     if (before.number, before.first_sample, before.spp) != (now.number, now.first_sample, now.spp):
         found += [f"{_samples(before)}, where {_samples(now)} is next"]
     layers = (before.width, before.height, before.channels) != (now.width, now.height, now.channels)
     return found or (["an image of other layers, or of another size"] if layers else [])
 
 
-def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+def other_parts(before: Mapping[str, str], now: Mapping[str, str], settings: Sequence[str]) -> Iterator[str]:
+    """How what a journal is of is not what is to be rendered.
+
+    Args:
+        before, now: Prepared.identity, or more than that.
+        settings: that have changed, each in words.
+    """
+    changed = [name for name, value in now.items() if before.get(name) != value]
+    for name in changed:
+        if name == "settings":
+            if "scene" not in changed:  # some are chosen by the scene: they would be blamed in its place
+                yield f"other settings ({', '.join(settings)})" if settings else "other settings"
+        elif name == "scene" and "camera" in changed:  # the scene's extent goes by where the camera stands
+            yield "perhaps another scene"
+        else:
+            yield f"other {name}" if name in _SEVERAL else f"another {name}"
+
+
+def changed_settings(before: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """What was otherwise, by name, each in words."""
     for name in sorted(before.keys() | now.keys()):
         if before.get(name) != now.get(name):
             yield f"{name} {before.get(name, 'none'):.40} where {now.get(name, 'none'):.40} is asked for"

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.versions import versions
 from wdpm.rendering.array_file import read_arrays, write_arrays
+from wdpm.rendering.journal_head import changed_settings, other_parts, settings_in_words
 from wdpm.rendering.pass_average import PassAverage
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared
@@ -29,11 +30,13 @@ class Saved:
 
     Attributes:
         identity: what its passes are of (Prepared.identity), and the versions that rendered them.
+        settings: of these, in words, by name; none where an older wdpm wrote it.
         account, arrays: of PassAverage.
     """
 
     path: Path
     identity: dict[str, Any]
+    settings: dict[str, str]
     account: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
@@ -44,11 +47,12 @@ class Saved:
 
     def average(self, prepared: Prepared) -> PassAverage:
         """The mean so far, to go on with. Raises SettingsError if it is of another render."""
-        differing = [name for name, value in identity_of(prepared).items() if self.identity.get(name) != value]
+        settings = changed_settings(self.settings, settings_in_words(prepared)) if self.settings else ()
+        differing = list(other_parts(self.identity, identity_of(prepared), list(settings)))
         if differing:
             raise SettingsError(
-                f"{self.path}: its passes were rendered with another {' and other '.join(differing)}; give the same as "
-                "before, or leave --resume out and delete it to begin anew"
+                f"{self.path}: its passes were rendered with {', and '.join(differing)}; give the same as before, or "
+                "leave --resume out and delete it to begin anew"
             )
         average = PassAverage(prepared)
         camera = prepared.session.view.camera
@@ -68,7 +72,12 @@ def identity_of(prepared: Prepared) -> dict[str, Any]:
 
 def write_journal(path: Path, average: PassAverage, prepared: Prepared) -> None:
     """Keep all passes so far. Raises ImageError if the file cannot be written; an older one is then as it was."""
-    header = {"format": FORMAT, "identity": identity_of(prepared), "account": average.account()}
+    header = {
+        "format": FORMAT,
+        "identity": identity_of(prepared),
+        "settings": settings_in_words(prepared),
+        "account": average.account(),
+    }
     write_arrays(path, header, average.arrays())
 
 
@@ -83,7 +92,8 @@ def read_journal(path: Path) -> Saved:
                 f"{path}: is of format {header['format']}, this wdpm has {FORMAT}; go on with the wdpm that wrote it, "
                 "or delete it"
             )
-        saved = Saved(path, dict(header["identity"]), dict(header["account"]), arrays)
+        settings = {str(name): str(word) for name, word in dict(header.get("settings", {})).items()}
+        saved = Saved(path, dict(header["identity"]), settings, dict(header["account"]), arrays)
         if not saved.plans:
             raise ValueError("no passes")
     except (KeyError, TypeError, ValueError) as error:
