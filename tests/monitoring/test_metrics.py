@@ -6,6 +6,7 @@ import argparse
 import re
 import socket
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
@@ -125,6 +126,19 @@ def test_visitors_do_not_take_all_files_of_the_render(metrics: Metrics, monkeypa
         with suppress(ConnectionResetError):
             assert visitor.recv(1) == b""
         visitor.close()
+    assert read(metrics)
+    assert told.getvalue() == ""
+
+
+def test_what_nobody_can_answer_is_told_to_the_visitor_alone(metrics: Metrics, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some versions of prometheus-client raise then."""
+    told = StringIO()
+    monkeypatch.setattr(sys, "stderr", told)
+    asked = urllib.request.Request(
+        f"http://127.0.0.1:{metrics.port}/metrics", headers={"Accept": "application/openmetrics-text; version=x"}
+    )
+    with suppress(urllib.error.HTTPError), urllib.request.urlopen(asked, timeout=WAIT_S):
+        pass
     assert read(metrics)
     assert told.getvalue() == ""
 

@@ -6,8 +6,9 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
+from io import StringIO
 from socketserver import ThreadingMixIn
-from typing import Any
+from typing import Any, TextIO
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 AT_ONCE = 16
@@ -74,3 +75,10 @@ class _Visit(WSGIRequestHandler):
 
     def log_message(self, *_: Any) -> None:
         """Nothing: the terminal is the render's."""
+
+    def get_stderr(self) -> TextIO:
+        """Where it is told what the library could not answer (with 500): versions of a format that are no numbers, say.
+
+        Nowhere: whoever reaches the port would fill the render's log.
+        """
+        return StringIO()
