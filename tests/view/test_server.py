@@ -174,6 +174,10 @@ def test_without_the_token_there_is_nothing(view: LiveView, path: str) -> None:
     assert body == b"wrong address: open the whole one that wdpm printed, token included\n"
 
 
+def test_the_last_slash_of_the_address_may_be_missing(view: LiveView) -> None:
+    assert fetch(view.url.removesuffix("/"))[:2] == fetch(view.url)[:2]
+
+
 def test_pages_of_other_sites_may_not_look(view: LiveView) -> None:
     assert fetch(view.url + "now.exr", Origin="http://elsewhere.example")[0] == 403
 

@@ -154,6 +154,7 @@ class ViewServer:
         application = web.Application(middlewares=[self._guarded])
         application.router.add_get(f"/{self._token}/socket", self._socket)
         application.router.add_get(f"/{self._token}/now.exr", self._exr)
+        application.router.add_get(f"/{self._token}", self._without_slash)
         for path in PAGE:
             application.router.add_get(f"/{self._token}/{path}", self._page)
         self._runner = web.AppRunner(
@@ -201,6 +202,10 @@ class ViewServer:
     async def _page(self, request: web.Request) -> web.Response:
         name, kind = PAGE[request.path.rsplit("/", 1)[1]]
         return web.Response(text=page_file(name), content_type=kind, headers=HEADERS)
+
+    async def _without_slash(self, _: web.Request) -> web.Response:
+        """A URL that was copied but for its last character: what the page names is looked up under it."""
+        return web.Response(status=302, headers={**HEADERS, "Location": f"/{self._token}/"})
 
     async def _exr(self, _: web.Request) -> web.Response:
         try:
