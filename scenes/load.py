@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from numbers import Integral
+from math import isfinite
+from numbers import Integral, Real
 from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,7 @@ _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 def load(
     source: str | PathLike[str] | Meshes,
     *,
-    defines: Mapping[str, str] | None = None,
+    defines: Mapping[str, str | float] | None = None,
     size: tuple[int, int] | None = None,
     root: str | PathLike[str] | None = None,
     lenient: bool = False,
@@ -65,8 +66,13 @@ def load(
         raise SceneError(f"the image size is {size!r}; expected width and height in pixels, like (512, 384)")
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
+    if root is not None and not isinstance(root, str | PathLike):
+        raise SceneError(f"root is {root!r:.80}; expected the name of a folder")
+    if time is not None and not (isinstance(time, Real) and isfinite(time)):
+        raise SceneError(f"time is {time!r:.80}; expected seconds, like 1.5")
     size = None if size is None else (int(size[0]), int(size[1]))  # numpy's, too, which no report takes
-    asked = _Asked(defines or {}, size, lenient, camera, frame_of(frame), time)
+    defines = _defined(defines or {})
+    asked = _Asked(defines, size, lenient, camera, frame_of(frame), time)
     if is_of_trimesh(source):
         from wdpm.scenes.meshes.from_trimesh import read_trimesh  # only for those who have imported trimesh
 
@@ -108,6 +114,18 @@ def frame_of(frame: Frame | str | None) -> Frame | None:
         return Frame(frame)
     except ValueError:
         raise SceneError(f"frame '{frame}': must be one of {', '.join(each.value for each in Frame)}") from None
+
+
+def _defined(defines: Mapping[str, str | float]) -> dict[str, str]:
+    """Values as a scene file has them. Raises SceneError for what no file could have."""
+    if not isinstance(defines, Mapping):
+        raise SceneError(f"defines is {defines!r:.80}; expected a dictionary of values by name, like {{'spp': 64}}")
+    texts = {}
+    for name, value in defines.items():
+        if not isinstance(name, str) or not isinstance(value, str | Real):
+            raise SceneError(f"defines has {name!r:.40}: {value!r:.40}; expected texts or numbers by name")
+        texts[name] = str(value).lower() if isinstance(value, bool) else str(value)
+    return texts
 
 
 def _read(file: Path, source: str | Path, asked: _Asked) -> Scene:

@@ -14,6 +14,7 @@ from typing import Any
 
 from wdpm.cluster.display import Display
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.given import check_follows
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
 from wdpm.images.image import Image
@@ -142,5 +143,6 @@ def replay(
     Raises:
         SceneError, SettingsError: see their messages; also where there is no such pixel or sample.
     """
+    check_follows("progress", progress, Progress)
     with InProcess(threads=threads, device=device) as backend:
         return replay_sample(source, backend, x, y, sample, settings, progress=progress, **chosen)

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from wdpm.cluster.display import Bucket, Display, Displays, Frame, PassMean, SlaveSeen
+from wdpm.given import check_follows
 from wdpm.images.files import png_bytes
 from wdpm.images.view_transform import Look, shown_pixels
 from wdpm.progress import Progress, SilentProgress
@@ -141,7 +142,12 @@ def shown_live(
 
     Elsewhere that is said in a line, and the render goes on without. The source is among it: its scene says how the
     picture is to look.
+
+    Raises:
+        SettingsError: a display or an observer of progress is none.
     """
+    check_follows("progress", progress, Progress)
+    check_follows("display", display, Display)
     if not live:
         yield source, display, progress
         return

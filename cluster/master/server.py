@@ -74,6 +74,8 @@ class MasterServer:
         agreed: Mapping[str, str] | None = None,
         observers: Sequence[ClusterObserver] = (),
     ) -> None:
+        if not isinstance(observers, Sequence) or not all(map(callable, observers)):
+            raise SettingsError(f"observers is {observers!r:.80}; expected functions, which are told of events")
         together = max(slaves, most or 0)
         if together > MOST_SLAVES:
             raise SettingsError(f"{together} slaves: at most {MOST_SLAVES} can be connected with each other")

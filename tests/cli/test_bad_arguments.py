@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 import wdpm
+from wdpm.cluster.display import Displays
+from wdpm.images.image import load as load_image
+from wdpm.rendering.in_process import InProcess
 from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
 
 
@@ -126,6 +129,7 @@ def test_wrong_clusters_elsewhere() -> None:
 
 BOX = wdpm.load("cornell-box", size=(4, 4))
 PIXELS = np.zeros((4, 4, 3), np.float32)
+BLACK = wdpm.Image({"beauty": PIXELS})
 
 
 @pytest.mark.parametrize(
@@ -141,8 +145,53 @@ PIXELS = np.zeros((4, 4, 3), np.float32)
         (lambda: wdpm.inspect(BOX, slaves="2"), "slaves is '2'; expected a whole number"),
         (lambda: wdpm.replay(BOX, 1.5, 0, 0), "x is 1.5; expected a whole number"),
         (lambda: wdpm.check(None), "NoneType is no scene"),
+        (
+            lambda: wdpm.render(BOX, display=1),
+            r"display is 1; expected an object as .*\.Display says: it has no begin,",
+        ),
+        (lambda: wdpm.render(BOX, display=Displays), "display is .*: this is the class, not one of its objects"),
+        (lambda: wdpm.render(BOX, progress=print), r"progress is <built.*\.Progress says: it has no advance, finish"),
+        (lambda: wdpm.replay(BOX, 0, 0, 0, progress=1), "progress is 1; expected an object"),
+        (lambda: wdpm.Cluster.local(1, observers=1), "observers is 1; expected functions"),
+        (lambda: wdpm.Cluster.local(1, observers=[1]), r"observers is \[1\]; expected functions"),
+        (lambda: wdpm.Cluster.over_ssh(None), "hosts is None; expected names of machines"),
+        (lambda: wdpm.Cluster.over_ssh([1]), "'1' is no host"),
+        (lambda: wdpm.Image(None), "an image's layers are None; expected a dictionary"),
+        (lambda: wdpm.Image({"beauty": PIXELS}, 1), "an image's metadata are 1; expected a dictionary"),
+        (lambda: BLACK.save(None), "None is no name of a file: expected one like 'image.exr'"),
+        (lambda: BLACK.save(["a.exr"]), r"\['a.exr'\] is no name of a file"),
+        (lambda: BLACK.save("a\0.exr"), r"'a\\x00.exr' is no name of a file: none has a zero byte"),
+        (lambda: BLACK.save("a.exr", threads=0), "threads is 0; expected a whole number of at least 1"),
+        (lambda: BLACK.save("a.exr", threads="2"), "threads is '2'; expected a whole number of at least 1"),
+        (lambda: BLACK.to_srgb8(exposure=[]), r"exposure \[\]: expected 'auto' or stops"),
+        (lambda: load_image(None), "None is no name of a file"),
+        (lambda: wdpm.load("cornell-box", root=1), "root is 1; expected the name of a folder"),
+        (lambda: wdpm.load("a.glb", time="1s"), "time is '1s'; expected seconds, like 1.5"),
+        (lambda: wdpm.load("a.xml", defines=1), "defines is 1; expected a dictionary of values by name"),
+        (lambda: wdpm.load("a.xml", defines={"spp": None}), "defines has 'spp': None; expected texts or numbers"),
     ],
 )
 def test_what_is_of_another_kind(call: Any, expected: str) -> None:
     with pytest.raises(WdpmError, match=expected):
         call()
+
+
+def test_a_display_that_is_none_does_not_end_a_cluster() -> None:
+    """It was asked in the middle of a render, which nobody can go on with."""
+    backend = InProcess(threads=1)
+    wrong: Any = 1
+    with backend, pytest.raises(SettingsError, match="display is 1; expected an object"):
+        backend.display = wrong
+    assert backend.display is None
+
+
+def test_values_of_a_scene_may_be_numbers(tmp_path: Path) -> None:
+    """As Mitsuba's own interface takes them."""
+    file = tmp_path / "scene.xml"
+    file.write_text("""<scene version="3.0.0">
+        <sensor type="perspective"><film type="hdrfilm"><integer name="width" value="$width"/></film>
+            <float name="fov" value="$fov"/></sensor>
+        <shape type="sphere"><boolean name="flip_normals" value="$flip"/></shape>
+        <emitter type="constant"/></scene>""")
+    camera = wdpm.load(file, defines={"width": 40, "fov": np.float64(20.5), "flip": True}).camera
+    assert camera.width == 40

@@ -129,9 +129,19 @@ def check_output_path(path: str | PathLike[str], extensions: tuple[str, ...] | N
     Raises:
         ImageError: unknown extension, missing folder, something that is no file in its place, no right to write there.
     """
-    path = Path(fsdecode(path))
+    path = path_of(path)
     _check_extension(path, tuple(_FORMATS) if extensions is None else extensions)
     check_place(path)
+    return path
+
+
+def path_of(given: str | PathLike[str]) -> Path:
+    """The path that somebody has given; ImageError for what can be no name of a file."""
+    if not isinstance(given, str | bytes | PathLike):
+        raise ImageError(f"{given!r:.80} is no name of a file: expected one like 'image.exr'")
+    path = Path(fsdecode(given))
+    if "\0" in str(path):
+        raise ImageError(f"{str(path)!r} is no name of a file: none has a zero byte")
     return path
 
 
@@ -248,17 +258,6 @@ def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:
     if path.suffix.lower() not in allowed:
         what = f"unknown extension '{path.suffix}'" if path.suffix else "has no extension"
         raise ImageError(f"{path}: {what}: must be one of {' '.join(allowed)}")
-    if path.suffix.lower() == ".exr" and not _is_text(path):
-        raise ImageError(f"{path}: its name is no UTF-8, and OpenEXR takes no other")
-
-
-def _is_text(path: Path) -> bool:
-    """Whether a name is text; the bytes of any other are there as surrogates."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def _read_png(path: Path) -> NDArray[np.float32]:

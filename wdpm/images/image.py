@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from os import PathLike, fsdecode
-from pathlib import Path
+from numbers import Integral
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,8 +38,11 @@ class Image:
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for what, given in (("layers", self.layers), ("metadata", self.metadata)):
+            if not isinstance(given, Mapping):
+                raise ImageError(f"an image's {what} are {given!r:.80}; expected a dictionary, by name")
         if "beauty" not in self.layers:
-            raise ImageError(f"an image needs a layer 'beauty' (got {', '.join(self.layers) or 'no layer'})")
+            raise ImageError(f"an image needs a layer 'beauty' (got {', '.join(map(str, self.layers)) or 'no layer'})")
         for name, layer in self.layers.items():
             if not isinstance(layer, np.ndarray) or layer.ndim < 2:
                 raise ImageError(f"layer '{name}' must be a float32 array of shape (height, width, ...)")
@@ -150,7 +153,9 @@ class Image:
         """
         given = exposure is not None or view_transform is not None
         metadata: Mapping[str, Any] = self.looking(exposure, view_transform).metadata if given else self.metadata
-        files.write(self.layers, metadata, Path(fsdecode(path)), threads)
+        if not isinstance(threads, Integral) or threads < 1:
+            raise ImageError(f"threads is {threads!r}; expected a whole number of at least 1")
+        files.write(self.layers, metadata, files.path_of(path), int(threads))
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""
@@ -163,5 +168,5 @@ def load(path: str | PathLike[str]) -> Image:
     Raises:
         ImageError: unknown extension, missing or broken file.
     """
-    layers, metadata = files.read(Path(fsdecode(path)))
+    layers, metadata = files.read(files.path_of(path))
     return Image(layers, metadata)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from numbers import Real
 from typing import Any, Final
 
 import numpy as np
@@ -92,7 +93,7 @@ def look_of(exposure: float | str | None, transform: ViewTransform | str | None,
 
 
 def _stops(exposure: float | str) -> float:
-    if isinstance(exposure, str) or not abs(exposure) <= MOST_STOPS:
+    if not isinstance(exposure, Real) or not abs(exposure) <= MOST_STOPS:
         raise ImageError(f"exposure {exposure!r}: expected 'auto' or stops between -{MOST_STOPS:g} and {MOST_STOPS:g}")
     return float(exposure)
 

@@ -32,9 +32,11 @@ def read_hosts(words: Iterable[str]) -> tuple[Host, ...]:
     """Read NAME, USER@NAME, NAME:SLAVES or [IPv6]:SLAVES; SettingsError for anything else, or none."""
     if isinstance(words, str):  # its letters are no names
         raise SettingsError(f"hosts is {words!r}; expected several, like [{words!r}]")
+    if not isinstance(words, Iterable):
+        raise SettingsError(f"hosts is {words!r}; expected names of machines, like ['anna', 'bert:2']")
     hosts = []
     for word in words:
-        match = _HOST.fullmatch(word)
+        match = _HOST.fullmatch(word) if isinstance(word, str) else None
         if match is None:
             raise SettingsError(f"'{word}' is no host: expected NAME, USER@NAME or NAME:SLAVES, like anna:2")
         name = (match["user"] or "") + (match["name"] or match["number"])

@@ -12,6 +12,7 @@ from wdpm.cluster.kept import Keeper
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.given import check_follows
 from wdpm.progress import Progress
 
 if TYPE_CHECKING:  # it needs Warp, which a command that is only asked for help does not import
@@ -30,7 +31,6 @@ class Backend(ABC):
         device: that kernels run on: "cpu" or a CUDA device, "cuda:0".
 
     Attributes:
-        display: is shown images while they are rendered; None where nobody looks.
         keeps_scene: whether geometry and photons of the last scene stay for the next one, which has them if no more
             than the camera moved. A cluster's slaves keep theirs in any case.
         keeper: is given what is finished of a session as it comes; None where nobody keeps it.
@@ -40,9 +40,19 @@ class Backend(ABC):
         self.slaves = slaves
         self.threads = threads
         self.device = device
-        self.display: Display | None = None
+        self._display: Display | None = None
         self.keeps_scene = False
         self.keeper: Keeper | None = None
+
+    @property
+    def display(self) -> Display | None:
+        """Is shown images while they are rendered; None where nobody looks. SettingsError for what is no display."""
+        return self._display
+
+    @display.setter
+    def display(self, display: Display | None) -> None:
+        check_follows("display", display, Display)
+        self._display = display
 
     @property
     def processes(self) -> tuple[int, ...]:
