@@ -118,7 +118,7 @@ def _lossy_stream(stream: TextIO) -> tuple[TextIO, _Lossy | None]:
     wrapper = io.TextIOWrapper(
         buffer,
         stream.encoding,
-        _ANYTHING if stream.errors in ("strict", "surrogateescape") else stream.errors,
+        _ANYTHING if stream.errors in ("strict", "surrogateescape", "backslashreplace") else stream.errors,
         line_buffering=stream.line_buffering,
         write_through=stream.write_through,
     )

@@ -143,7 +143,7 @@ def test_streams_may_be_closed(closed: str, tmp_path: Path, monkeypatch: pytest.
     assert load(tmp_path / "a.exr").pixels.shape == load(tmp_path / "a.png").pixels.shape == (8, 8, 3)
 
 
-@pytest.mark.parametrize("errors", ["strict", "surrogateescape"])
+@pytest.mark.parametrize("errors", ["strict", "surrogateescape", "backslashreplace"])
 def test_names_that_are_no_text_are_printed_all_the_same(errors: str) -> None:
     """Those of files as they are, those that a scene gives (JSON can say anything) somehow."""
     program = r"from wdpm.standard_streams import take_streams; take_streams(); print('\u00fc, \udcfc, \ud800')"
@@ -153,19 +153,23 @@ def test_names_that_are_no_text_are_printed_all_the_same(errors: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
-@pytest.mark.parametrize("name", [b"\xfc.exr", b"\xfc.png"])
+@pytest.mark.parametrize("name", [b"\xfc.exr", b"\xfc.png", "ü.exr".encode()])
 def test_images_whose_names_are_no_text(name: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenEXR takes none. That is found before anything is rendered; the other formats have them."""
+    """Nor are others where the locale's encoding is none for them."""
     monkeypatch.chdir(tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-m", "wdpm", *RENDER.split()[1:], "-o", name], capture_output=True, check=False
-    )
-    if name.endswith(b"exr"):
-        assert done.returncode == 2
-        assert done.stderr == b"wdpm: error: \\udcfc.exr: its name is no UTF-8, and OpenEXR takes no other\n"
-    else:
-        assert done.returncode == 0
+    command = [sys.executable, "-m", "wdpm", *RENDER.split()[1:], "-o", name]
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    for locale in ({}, plain):
+        done = subprocess.run(command, capture_output=True, check=False, env=os.environ | locale)
+        assert done.returncode == 0, done.stderr
+        assert b"wrote " + name in done.stdout
         assert load(tmp_path / os.fsdecode(name)).pixels.shape == (8, 8, 3)
+        (tmp_path / os.fsdecode(name)).unlink()
+
+
+def test_errors_name_files_as_they_are() -> None:
+    done = subprocess.run([sys.executable, "-m", "wdpm", "check", b"\xfc.xml"], capture_output=True, check=False)
+    assert done.stderr.startswith(b"wdpm: error: \xfc.xml: no such file")
 
 
 def test_a_render_whose_reader_has_left_writes_its_image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

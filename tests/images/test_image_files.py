@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from wdpm.images.channels import LAYER_CHANNELS, encode_srgb8
 from wdpm.images.files import check_apart, check_output_path, check_place, png_bytes
 from wdpm.images.image import Image, load
-from wdpm.scenes.errors import ImageError
+from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr, float_to_rgbe, rgbe_to_float
 
 HEIGHT, WIDTH = 23, 37
@@ -393,6 +393,15 @@ def test_a_failed_write_leaves_the_old_file(
         image.save(path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("extension", EVERY_FORMAT)
+def test_why_a_write_failed_names_no_file_that_nobody_knows(extension: str, image: Image, tmp_path: Path) -> None:
+    """OpenEXR's own words have the name of the file beside the place, which is moved there when it is whole."""
+    path = tmp_path / "nowhere" / f"a{extension}"
+    with pytest.raises(NotWrittenError) as raised:
+        image.save(path)
+    assert str(raised.value) == f"{path}: cannot be written: no such file or directory"
 
 
 def test_a_written_file_can_be_read_by_others(image: Image, tmp_path: Path) -> None:

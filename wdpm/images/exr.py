@@ -57,9 +57,10 @@ def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path, threads: 
     rows = len(next(iter(channels.values()), ()))
     try:
         with OpenEXR.File(header, channels) as file, _threads(min(threads, -(-rows // _ROWS_A_BLOCK))):
-            file.write(str(path))
+            file.write(os.fsencode(path))  # as they are: OpenEXR takes a str for UTF-8, which not all names are
     except RuntimeError as error:
-        raise OSError(str(error)) from None
+        # 'Cannot open image file "NAME". No space left on device': the name is one that nobody else has heard of.
+        raise OSError(str(error).rpartition('". ')[2].lower()) from None
 
 
 @contextmanager
@@ -104,7 +105,7 @@ def read_exr_metadata(path: Path) -> dict[str, Any]:
 
     with _diverted_stderr():
         try:
-            return _metadata(OpenEXR.InputFile(str(path)).header())
+            return _metadata(OpenEXR.InputFile(os.fsencode(path)).header())
         except (OSError, RuntimeError, TypeError, ValueError):
             return {}
 
@@ -124,7 +125,7 @@ def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, 
     # InputFile, not File: on broken pixels File prints to standard output and goes on without them.
     with _diverted_stderr() as first_line:
         try:
-            file = OpenEXR.InputFile(str(path))
+            file = OpenEXR.InputFile(os.fsencode(path))
             header: dict[str, Any] = file.header()
             names = [
                 name for name, channel in header["channels"].items() if channel.xSampling == channel.ySampling == 1
