@@ -228,6 +228,13 @@ def test_a_port_that_is_taken_is_one_line(view: LiveView) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_an_address_of_nobody_is_told_without_python_s_words_for_it() -> None:
+    with pytest.raises(
+        SettingsError, match=r"cannot listen at 192\.0\.2\.1:7118: cannot assign requested address; give"
+    ):
+        LiveView(ViewAddress("192.0.2.1", 7118), "elsewhere")
+
+
 def test_addresses() -> None:
     assert view_address("7118") == ViewAddress("127.0.0.1", 7118)
     assert view_address("[::1]:0") == ViewAddress("::1", 0)

@@ -103,7 +103,10 @@ class ViewServer:
             self.address = self._call(self._listen(address)).result()
         except OSError as error:
             self._end_loop()
-            reason = "the port is taken" if error.errno is not None and "in use" in str(error) else str(error)
+            said = (error.strerror or str(error)).rpartition("): ")[
+                2
+            ]  # "error while ... (HOST, PORT): no such address"
+            reason = "the port is taken" if error.errno is not None and "in use" in said else said
             raise SettingsError(
                 f"the view cannot listen at {address}: {reason}; give another by --view-at HOST:PORT, port 0 for any "
                 "that is free"
