@@ -23,7 +23,7 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address, local_sockets
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
-from wdpm.devices import available_cores, check_count, check_device, check_memory
+from wdpm.devices import available_cores, check_count, check_device, check_memory, check_threads
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.notebook import shown_live
@@ -110,8 +110,7 @@ class Cluster(Backend):
             compiling: when a scene's kernels are compiled, if they have not been.
         """
         check_count("slaves", slaves)
-        if threads is not None:
-            check_count("threads", threads)
+        check_threads(threads)
         check_memory(memory, slaves)
         check_device(device)
         copies = copies_named(copies)

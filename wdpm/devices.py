@@ -52,6 +52,21 @@ def check_count(name: str, value: object, least: int = 1) -> None:
         raise SettingsError(f"{name} is {value}; expected at least {least}")
 
 
+MOST_THREADS = 256
+"""On a machine with fewer cores. Each may be a process of its own: a number with a digit too many would drown it."""
+
+
+def check_threads(threads: int | None) -> None:
+    """Raise SettingsError unless this machine can be asked to use so many cores; None stands for all there are."""
+    if threads is None:
+        return
+    check_count("threads", threads)
+    cores = os.cpu_count() or 1
+    most = max(MOST_THREADS, cores)
+    if threads > most:
+        raise SettingsError(f"threads is {threads}; this machine has {cores} cores: give at most {most}")
+
+
 def check_memory(memory: int | None, slaves: int = 1) -> None:
     """Raise SettingsError where slaves of this machine may take more memory than it has: it would swap, or kill them.
 

@@ -19,7 +19,7 @@ from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
-from wdpm.devices import available_cores, check_device
+from wdpm.devices import available_cores, check_device, check_threads
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import MachineError, SettingsError, WdpmError
 from wdpm.startup import let_collector_go
@@ -71,12 +71,13 @@ def serve(
         life_line: end when standard input closes, which the process that started this one holds open.
 
     Raises:
-        SettingsError: the device is not there.
+        SettingsError: the device is not there, or the threads cannot be.
         ClusterError: no master answered, it refused, or something failed.
     """
     if device != "cpu":
         quiet_warp()
         check_device(device)
+    check_threads(threads)
     if memory is not None:
         limit_memory(memory)
     open_files.allow(MOST_SLAVES)

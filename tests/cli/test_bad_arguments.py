@@ -78,6 +78,8 @@ def test_kept_passes_have_no_irradiance_records(tmp_path: Path) -> None:
         ({"threads": "2"}, "threads is '2'; expected a whole number"),
         ({"threads": 0}, "threads is 0; expected at least 1"),
         ({"threads": 1.5}, "threads is 1.5; expected a whole number"),
+        ({"threads": 99_999}, r"threads is 99999; this machine has \d+ cores: give at most \d+"),
+        ({"slaves": 2, "threads": 99_999}, r"threads is 99999; this machine has \d+ cores: give at most \d+"),
         ({"slaves": "2"}, "slaves is '2'; expected a whole number"),
         ({"slaves": 2, "threads": True}, "threads is True; expected a whole number"),
         ({"slaves": 2, "device": 7}, 'device is 7; expected "cpu" or a CUDA device, like "cuda:0"'),

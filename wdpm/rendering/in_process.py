@@ -16,7 +16,7 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.processes.forked_tasks import TaskObserver, can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
-from wdpm.devices import available_cores, check_count
+from wdpm.devices import available_cores, check_threads
 from wdpm.images.image import Image
 from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.progress import Progress
@@ -81,8 +81,7 @@ class InProcess(Backend):
         launcher: Launcher | None = None,
         compiling: Compiling = Compiling.FIRST,
     ) -> None:
-        if threads is not None:
-            check_count("threads", threads)
+        check_threads(threads)
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
         waits = compiling is Compiling.FIRST
         self._launcher = launcher or Launcher(device, self.threads, wait_for_kernels=waits)
