@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import io
 import os
+import select
 import sys
 from typing import Any, TextIO
 
@@ -29,6 +30,8 @@ class _Lossy(io.RawIOBase):
         self.error: OSError | None = None
 
     def write(self, data: Any, /) -> int | None:
+        if _in_haste and not _takes_more(self.fileno()):
+            return len(memoryview(data))
         try:
             written: int | None = self._raw.write(data)
         except BlockingIOError:
@@ -54,6 +57,9 @@ class _Lossy(io.RawIOBase):
 
 _readers_may_leave = False
 """Whether what is printed is beside what the command is for."""
+
+_in_haste = False
+"""Whether the process is to end now."""
 
 _output: _Lossy | None = None
 """Standard output, once it is taken."""
@@ -84,6 +90,21 @@ def outlive_readers() -> None:
     """Go on where whoever reads what is printed has left, as `| head` does: what is made goes elsewhere."""
     global _readers_may_leave
     _readers_may_leave = True
+
+
+def wait_for_no_reader() -> None:
+    """Lose what would wait for somebody to read, from now on: of a pipe that is full and a terminal that is held."""
+    global _in_haste
+    _in_haste = True
+
+
+def _takes_more(file: int) -> bool:
+    """Whether a file takes a line at once; also where nobody can say."""
+    if not hasattr(select, "poll"):
+        return True
+    poll = select.poll()
+    poll.register(file, select.POLLOUT)
+    return bool(poll.poll(0))
 
 
 def why_output_lost() -> OSError | None:

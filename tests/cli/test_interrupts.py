@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Iterator
@@ -38,6 +40,25 @@ compare.run = sleep
 sys.exit(main.main({COMMAND}))
 """
 """A process with a command that lasts, and says when it has begun."""
+
+TALKER = f"""
+import sys
+from wdpm.cli import compare, main
+from wdpm.standard_streams import take_streams
+
+def talk(args):
+    print("talks", flush=True)
+    try:
+        while True:
+            print("one line", file=sys.stderr)
+    finally:
+        print("one line more " * 9, file=sys.stderr)
+
+take_streams()
+compare.run = talk
+sys.exit(main.main({COMMAND}))
+"""
+"""A process with a command that tells more than anybody reads."""
 
 IGNORING = ["sh", "-c", 'trap \'\' INT; exec "$0" "$@"']
 """Starts a program as a shell without job control starts what it puts in the background."""
@@ -97,6 +118,34 @@ def test_a_signal_ends_a_process(starter: list[str], number: int, code: int, wor
         finally:
             process.kill()
     assert (process.returncode, err) == (code, f"wdpm: {word}\n")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a pipe tells there how much is in it")
+@pytest.mark.parametrize("starter", [[], IGNORING], ids=["plain", "ignored"])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_who_reads_no_more_does_not_hold_up_the_end(starter: list[str], number: int) -> None:
+    """As `| less` holds a command that tells how far it is; but not once that is to end."""
+    with subprocess.Popen(
+        [*starter, sys.executable, "-c", TALKER], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            assert process.stdout.readline() == b"talks\n"
+            before = -1
+            while (unread := waiting_in(process.stderr.fileno())) != before:
+                before = unread
+                time.sleep(0.2)
+            process.send_signal(number)
+            assert process.wait(WAIT_S) == 128 + number
+        finally:
+            process.kill()
+
+
+def waiting_in(pipe: int) -> int:
+    """Bytes that nobody has read yet."""
+    counted = fcntl.ioctl(pipe, termios.FIONREAD, bytes(4))
+    return int.from_bytes(counted, sys.byteorder)
 
 
 @pytest.mark.parametrize(

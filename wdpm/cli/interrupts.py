@@ -26,6 +26,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from wdpm.standard_streams import wait_for_no_reader
+
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM came."""
@@ -42,7 +44,8 @@ if hasattr(signal, "SIGHUP"):  # not on Windows
 
 
 def _raise_ending(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler
-    raise ENDING[signal.Signals(number)]
+    wait_for_no_reader()  # the last lines are for a person, who may be there no more
+    raise ENDING.get(signal.Signals(number), KeyboardInterrupt)
 
 
 WAIT_S = 0.01
@@ -51,19 +54,20 @@ WAIT_S = 0.01
 
 @contextmanager
 def interrupts_raise() -> Iterator[None]:
-    """Have SIGINT raise KeyboardInterrupt where it was inherited as ignored, and ignore it again afterwards.
+    """Have SIGINT raise KeyboardInterrupt, also where it was inherited as ignored; it is as it was afterwards.
 
     A handler that somebody has installed stays. Only the main thread may set one: elsewhere nothing changes.
     """
-    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    if not ignored or threading.current_thread() is not threading.main_thread():
+    before = signal.getsignal(signal.SIGINT)
+    plain = before in (signal.SIG_IGN, signal.default_int_handler)
+    if not plain or threading.current_thread() is not threading.main_thread():
         yield
         return
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _raise_ending)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
