@@ -151,6 +151,9 @@ def test_numbered_scenes_go_on_where_one_is_bad_and_resume_renders_what_is_missi
     out, err = capsys.readouterr()
     assert "frame 1: is there\nframe 2 (2 of 3)\nwrote s.002.exr\nframe 3: is there\n" in out
     assert Path("s.003.exr").stat().st_mtime_ns == written
+    Path("s.002.exr").write_bytes(b"")
+    assert main([*line, "--resume"]) == 0
+    assert "frame 1: is there\nframe 2 (2 of 3)\nwrote s.002.exr\nframe 3: is there\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def render_frames(args: argparse.Namespace, make_backend: Callable[[], Backend])
         backend.display, backend.keeps_scene = view, True
         for place, (number, frame) in enumerate(frames, 1):
             try:
-                if args.resume and all(path.exists() for path in _outputs(frame)) and not _lacks_passes(frame):
+                if args.resume and all(map(_is_there, _outputs(frame))) and not _lacks_passes(frame):
                     exposure.read(_outputs(frame))
                     _tell(args, f"frame {number}: is there")
                     continue
@@ -98,6 +98,11 @@ def render_frames(args: argparse.Namespace, make_backend: Callable[[], Backend])
     if failed:
         raise SettingsError(f"{len(failed)} of {len(frames)} frames failed: {', '.join(failed)}")
     return 0
+
+
+def _is_there(path: Path) -> bool:
+    """Whether there is a file with something in it: an empty one holds a place, or a machine that crashed left it."""
+    return path.is_file() and path.stat().st_size > 0
 
 
 def _lacks_passes(frame: argparse.Namespace) -> bool:
