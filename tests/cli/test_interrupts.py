@@ -96,6 +96,28 @@ def test_an_interrupt_in_a_destructor_ends_a_command(
     assert signal.getsignal(signal.SIGINT) is disposition
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, None)])
+def test_an_interrupt_outlives_a_compiled_module(
+    number: int | None, code: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As OpenEXR's, which is imported when there is something to write."""
+
+    def command(_: argparse.Namespace) -> int:
+        try:
+            if number is not None:
+                signal.raise_signal(number)
+        except KeyboardInterrupt:
+            pass
+        raise ImportError("initialization failed")
+
+    monkeypatch.setattr(compare, "run", command)
+    if code is None:
+        with pytest.raises(ImportError):
+            main.main(COMMAND)
+    else:
+        assert main.main(COMMAND) == code
+
+
 @pytest.mark.parametrize(
     ("starter", "number", "code", "word"),
     [

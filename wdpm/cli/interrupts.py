@@ -44,8 +44,14 @@ if hasattr(signal, "SIGHUP"):  # not on Windows
 
 
 def _raise_ending(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler
+    global _came
     wait_for_no_reader()  # the last lines are for a person, who may be there no more
-    raise ENDING.get(signal.Signals(number), KeyboardInterrupt)
+    _came = ENDING.get(signal.Signals(number), KeyboardInterrupt)
+    raise _came
+
+
+_came: type[KeyboardInterrupt] | None = None
+"""What a signal has raised in the command that runs."""
 
 
 WAIT_S = 0.01
@@ -83,6 +89,22 @@ def termination_raises() -> Iterator[None]:
     finally:
         for number in free:
             signal.signal(number, signal.SIG_DFL)
+
+
+@contextmanager
+def interrupts_outlive_imports() -> Iterator[None]:
+    """Have an interrupt that came while a compiled module was imported come out as one.
+
+    Such modules say of it that they cannot be imported, and images are written by one that nobody needs before.
+    """
+    global _came
+    _came = None
+    try:
+        yield
+    except ImportError:
+        if _came is None:
+            raise
+        raise _came from None
 
 
 @contextmanager

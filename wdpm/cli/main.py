@@ -16,7 +16,14 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from wdpm.cli.interrupts import HungUp, Terminated, interrupts_raise, no_lost_interrupts, termination_raises
+from wdpm.cli.interrupts import (
+    HungUp,
+    Terminated,
+    interrupts_outlive_imports,
+    interrupts_raise,
+    no_lost_interrupts,
+    termination_raises,
+)
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_HUNG_UP, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError, did_you_mean, is_of_memory
 from wdpm.scenes.scene_root import files_within
@@ -79,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _refuse(args.parser, unknown)
     let_collector_go()  # a command that imports what computes holds it off again
     try:
-        with interrupts_raise(), termination_raises(), no_lost_interrupts():
+        with interrupts_raise(), termination_raises(), no_lost_interrupts(), interrupts_outlive_imports():
             with files_within(getattr(args, "scene_root", None)):
                 code: int = args.run(args)
             sys.stdout.flush()
