@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import ImageError, SceneError
+from wdpm.scenes.images.exr_header import MAGIC
 from wdpm.scenes.images.hdr import decode_hdr
 from wdpm.scenes.images.pfm import decode_pfm
-
-_EXR = b"\x76\x2f\x31\x01"
-"""What EXR files begin with."""
 
 _FLOAT_FORMATS = {".hdr": decode_hdr, ".rgbe": decode_hdr, ".pfm": decode_pfm}
 
@@ -154,13 +152,16 @@ def _read_exr(file: Path) -> NDArray[np.float32]:
     import OpenEXR  # few scenes have such files
 
     with file.open("rb") as start:
-        if start.read(len(_EXR)) != _EXR:
+        if start.read(len(MAGIC)) != MAGIC:
             raise SceneError("not an EXR file: it begins otherwise", file)
     try:
         with OpenEXR.File(str(file), separate_channels=True) as image:
             channels = {
                 name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in image.channels().items()
             }
+    except UnicodeDecodeError as error:
+        text = f"{error.object!r:.60}"
+        raise SceneError(f"cannot be read: its header has {text}, which is no UTF-8; save it without", file) from None
     except Exception as error:  # OpenEXR raises RuntimeError and others, of files that are there and cannot be opened
         raise SceneError("cannot be read as EXR: the file is broken", file) from error
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):

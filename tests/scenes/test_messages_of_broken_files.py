@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import OpenEXR
 import pytest
 
 from wdpm.scenes import cornell_box
@@ -39,6 +41,15 @@ def test_pictures(name: str, data: bytes, said: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         read_texture(file, raw=False)
     assert str(caught.value) == f"{file}: {said}"
+
+
+def test_a_text_that_is_no_utf_8_is_named(tmp_path: Path) -> None:
+    """OpenEXR cannot hand it over; the pixels may be whole."""
+    file = tmp_path / "a.exr"
+    OpenEXR.File({"owner": "MXller"}, {"RGB": np.zeros((2, 2, 3), np.float32)}).write(str(file))
+    file.write_bytes(file.read_bytes().replace(b"MXller", b"M\xfcller"))
+    with pytest.raises(SceneError, match=r"its header has b'M\\xfcller', which is no UTF-8; save it without"):
+        read_texture(file, raw=False)
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from wdpm.images.channels import LAYER_CHANNELS, Layers
 from wdpm.scenes.errors import ImageError
+from wdpm.scenes.images.exr_header import MAGIC, ExrHeader, read_exr_header
 
 _METADATA_ATTRIBUTE = "wdpm"
-
-_MAGIC = b"\x76\x2f\x31\x01"
 
 _ROWS_A_BLOCK = 16
 """Of a file with ZIP compression: what one thread compresses."""
@@ -101,13 +100,10 @@ def read_exr(path: Path) -> tuple[Layers, dict[str, Any]]:
 
 def read_exr_metadata(path: Path) -> dict[str, Any]:
     """What wdpm put into the header of a file, without reading its pixels; nothing for a broken file."""
-    import OpenEXR
-
-    with _diverted_stderr():
-        try:
-            return _metadata(OpenEXR.InputFile(os.fsencode(path)).header())
-        except (OSError, RuntimeError, TypeError, ValueError):
-            return {}
+    try:
+        return _metadata(read_exr_header(path))
+    except (OSError, ValueError):
+        return {}
 
 
 def _channel_names(layer: str) -> list[str]:
@@ -115,33 +111,33 @@ def _channel_names(layer: str) -> list[str]:
     return [prefix + channel for channel in LAYER_CHANNELS[layer]]
 
 
-def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], ExrHeader]:
     """The channels of full resolution of the first part, float32 [height, width], by name, and the header."""
     import OpenEXR
 
     with path.open("rb") as stream:
-        if stream.read(len(_MAGIC)) != _MAGIC:
+        if stream.read(len(MAGIC)) != MAGIC:
             raise ImageError(f"{path}: not an OpenEXR file")
+    try:
+        header = read_exr_header(path)
+    except ValueError as error:
+        raise ImageError(f"{path}: not a whole OpenEXR file: {error}") from None
+    names = [name for name, apart in header.channels.items() if apart == (1, 1)]
+    width, height = header.size
     # InputFile, not File: on broken pixels File prints to standard output and goes on without them.
     with _diverted_stderr() as first_line:
         try:
-            file = OpenEXR.InputFile(os.fsencode(path))
-            header: dict[str, Any] = file.header()
-            names = [
-                name for name, channel in header["channels"].items() if channel.xSampling == channel.ySampling == 1
-            ]
-            planes = file.channels(names, Imath.PixelType(Imath.PixelType.FLOAT))
+            planes = OpenEXR.InputFile(os.fsencode(path)).channels(names, Imath.PixelType(Imath.PixelType.FLOAT))
+            arrays = [np.frombuffer(plane, dtype=np.float32).reshape(height, width) for plane in planes]
         except (OSError, RuntimeError, TypeError, ValueError) as error:
             raise ImageError(f"{path}: not a whole OpenEXR file: {first_line() or error}") from None
-    window = header["dataWindow"]
-    shape = (window.max.y - window.min.y + 1, window.max.x - window.min.x + 1)
-    return {n: np.frombuffer(p, dtype=np.float32).reshape(shape) for n, p in zip(names, planes, strict=True)}, header
+    return dict(zip(names, arrays, strict=True)), header
 
 
-def _metadata(header: dict[str, Any]) -> dict[str, Any]:
+def _metadata(header: ExrHeader) -> dict[str, Any]:
     """What wdpm put into the header; another program's attribute of that name is none of ours."""
     try:
-        metadata = json.loads(header[_METADATA_ATTRIBUTE])
+        metadata = json.loads(header.texts[_METADATA_ATTRIBUTE])
     except (KeyError, TypeError, ValueError):
         return {}
     return metadata if isinstance(metadata, dict) else {}
