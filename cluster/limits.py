@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from wdpm.scenes.errors import SettingsError
+
 MOST_SLAVES = 256
 """Each has a connection with every other one, which takes three sockets of ZeroMQ's and five of the system's files."""
+
+
+def check_most_slaves(slaves: int) -> None:
+    """Raise SettingsError for more slaves than there can be at a time."""
+    if slaves > MOST_SLAVES:
+        raise SettingsError(f"{slaves} slaves: at most {MOST_SLAVES} can be connected with each other")
+
 
 DEAD_S = 90.0
 """Silence that counts as death [s]: a laptop's lid, a process that is stopped for a minute or a switch that starts

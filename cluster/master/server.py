@@ -17,7 +17,7 @@ from typing import Self
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
 from wdpm.cluster.kept import Keeper
-from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
+from wdpm.cluster.limits import ClusterLimits, check_most_slaves
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Started, Watch
 from wdpm.cluster.master.machine import Master
@@ -77,8 +77,7 @@ class MasterServer:
         if not isinstance(observers, Sequence) or not all(map(callable, observers)):
             raise SettingsError(f"observers is {observers!r:.80}; expected functions, which are told of events")
         together = max(slaves, most or 0)
-        if together > MOST_SLAVES:
-            raise SettingsError(f"{together} slaves: at most {MOST_SLAVES} can be connected with each other")
+        check_most_slaves(together)
         open_files.require(together)
         self._slaves = slaves
         self._noted_wait = False

@@ -145,6 +145,7 @@ BLACK = wdpm.Image({"beauty": PIXELS})
         (lambda: wdpm.Image({"beauty": [1, 2, 3]}, {}), "must be a float32 array of shape"),
         (lambda: wdpm.inspect(BOX, slaves=0), "slaves is 0; expected at least 1"),
         (lambda: wdpm.inspect(BOX, slaves="2"), "slaves is '2'; expected a whole number"),
+        (lambda: wdpm.inspect(BOX, slaves=10**8), "100000000 slaves: at most 256 can be connected"),
         (lambda: wdpm.replay(BOX, 1.5, 0, 0), "x is 1.5; expected a whole number"),
         (lambda: wdpm.check(None), "NoneType is no scene"),
         (

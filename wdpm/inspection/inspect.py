@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.host_memory import SlaveMemory
+from wdpm.cluster.limits import check_most_slaves
 from wdpm.cluster.plan.copies import Copies, largest_team, scene_memory, sharing
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
@@ -87,8 +88,9 @@ def inspect(
         chosen: settings of that render by name, see RenderSettings.
 
     Raises:
-        SettingsError: all slaves together have not room for the scene.
+        SettingsError: more slaves than there can be, or all together have not room for the scene.
     """
+    check_most_slaves(slaves)
     settings = settings_for(scene, **chosen)
     room = in_file if slaves > 1 else np.empty
     as_it_is = flatten(scene, settings.instances, room)
