@@ -44,11 +44,11 @@ def make_keys(folder: Path) -> list[Path]:
     """Make the pair of a master in a new folder that only its owner can read; returns the files.
 
     Raises:
-        SettingsError: the folder exists already, or cannot be made.
+        SettingsError: the folder exists already, or cannot be made or written to.
     """
-    _make_folder(folder)
-    _make_folder(folder / SLAVES)
-    return _make_pair(folder, "master")
+    with _new_folder(folder):
+        _make_folder(folder / SLAVES)
+        return _make_pair(folder, "master")
 
 
 def add_slave(folder: Path, name: str, *, reader: bool = False) -> list[Path]:
@@ -73,15 +73,15 @@ def add_slave(folder: Path, name: str, *, reader: bool = False) -> list[Path]:
             f"{public} exists already; choose another name, or remove the file to let that slave in no more"
         )
     own = folder / name
-    _make_folder(own)
-    try:
-        _make_pair(own, "slave")
-        shutil.copy(folder / "master.key", own)
-        part = public.with_name(f".{public.name}.part")  # a master that reads the folder now finds a whole key or none
-        shutil.copy(own / "slave.key", part)
-        part.replace(public)  # last: nobody is let in whose keys are not complete
-    except OSError as error:
-        raise SettingsError(f"cannot write {error.filename or own}: {error.strerror}") from None
+    part = public.with_name(f".{public.name}.part")  # a master that reads the folder now finds a whole key or none
+    with _new_folder(own):
+        try:
+            _make_pair(own, "slave")
+            shutil.copy(folder / "master.key", own)
+            shutil.copy(own / "slave.key", part)
+            part.replace(public)  # last: nobody is let in whose keys are not complete
+        finally:
+            part.unlink(missing_ok=True)
     return [public, own]
 
 
@@ -205,6 +205,23 @@ def _make_folder(folder: Path) -> None:
         raise SettingsError(f"{folder} exists already; name a new folder, so that no key is overwritten") from None
     except OSError as error:
         raise SettingsError(f"cannot make the folder {folder}: {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def _new_folder(folder: Path) -> Iterator[None]:
+    """A folder that is made and filled while this is open; where that fails it goes again, for half a key is none.
+
+    Raises:
+        SettingsError: it exists already, or it or something in it cannot be written.
+    """
+    _make_folder(folder)
+    try:
+        yield
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise SettingsError(f"cannot write {error.filename or folder}: {error.strerror}") from None
+        raise
 
 
 def _make_pair(folder: Path, name: str) -> list[Path]:

@@ -136,6 +136,30 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         make_keys(tmp_path / "file" / "keys")
 
 
+@pytest.mark.parametrize("name", ["master", "slave"])
+def test_a_full_disk_leaves_no_half_of_a_key(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next try would find a folder that exists already, and no key in it."""
+    real = key_files.zmq.auth.create_certificates
+
+    def full(where: Path, name: str) -> tuple[str, str]:
+        Path(where, f"{name}.key_secret").touch()
+        raise OSError(28, "No space left on device", str(Path(where, f"{name}.key_secret")))
+
+    def make() -> object:
+        return make_keys(folder) if name == "master" else add_slave(folder, "anna")
+
+    if name == "slave":
+        make_keys(folder)
+    before = sorted(folder.rglob("*"))
+    monkeypatch.setattr(key_files.zmq.auth, "create_certificates", full)
+    with pytest.raises(SettingsError, match=rf"cannot write .*{name}\.key_secret: No space left on device"):
+        make()
+    assert sorted(folder.rglob("*")) == before
+    assert folder.exists() == (name == "slave")
+    monkeypatch.setattr(key_files.zmq.auth, "create_certificates", real)
+    assert make()
+
+
 def test_missing_keys(folder: Path) -> None:
     with pytest.raises(SettingsError, match=r"cannot read the key .*master.key_secret"):
         load_keys(folder, Role.MASTER)
