@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -104,6 +105,20 @@ def cache_errors_in_words() -> Iterator[None]:
             f"compiled kernels cannot be kept in {where}: {error.strerror or error}; set WARP_CACHE_PATH to a folder "
             "that you can write to"
         ) from None
+
+
+ROOM = 16 << 20
+"""Bytes that must be free before a module is compiled: LLVM ends the process where a disk is full. The largest module
+takes three million, and several are compiled at a time."""
+
+
+def check_room() -> None:
+    """Raise OSError where the cache's disk has no room for what is compiled next."""
+    folder = cache_folder()
+    with suppress(FileNotFoundError):
+        disk = shutil.disk_usage(folder)
+        if disk.total and disk.free < ROOM:  # some file systems do not know
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
 
 def use_cache_folder(folder: Path) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import warp as wp
 
-from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded, load_from_cache
+from wdpm.kernels.cached import cache_errors_in_words, check_room, is_compiled, is_loaded, load_from_cache
 from wdpm.kernels.camera import add_samples, caustic_guide, filter_weights, guide_pilot, rays, shadow_rays, splats
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
@@ -159,6 +159,7 @@ def compile_for_cpu(
 
 def _load_one(module: wp.Module) -> None:
     with cache_errors_in_words():
+        check_room()
         wp.force_load("cpu", [module])
 
 

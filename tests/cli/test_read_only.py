@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
+import shutil
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -104,6 +107,21 @@ def test_a_cache_that_takes_no_kernel_is_one_line(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(wp, "force_load", refusing(errno.ENOSPC, tmp_path))
     with pytest.raises(SettingsError, match=r"cannot be kept in .*: No space left on device; set WARP_CACHE_PATH"):
         module.compile_for_cpu([wp.get_module(filter_weights.__name__)])
+
+
+@pytest.mark.parametrize(("total", "compiles"), [(1 << 40, False), (0, True)], ids=["full", "unknown"])
+def test_nothing_is_compiled_where_the_disk_is_full(
+    total: int, compiles: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """LLVM would end the process, with a line of its own; some file systems do not know what is free."""
+    compiled: list[object] = []
+    monkeypatch.setattr(module, "is_compiled", lambda _: False)
+    monkeypatch.setattr(wp, "force_load", lambda _, modules: compiled.extend(modules))
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=total, free=0))
+    expected = pytest.raises(SettingsError, match=r"cannot be kept in .*: No space left on device; set WARP_CACHE_PATH")
+    with contextlib.nullcontext() if compiles else expected:
+        module.compile_for_cpu([wp.get_module(filter_weights.__name__)])
+    assert bool(compiled) == compiles
 
 
 @pytest.mark.parametrize(
