@@ -21,8 +21,9 @@ records' mean, which is off by as much to the other side where records lie all a
 -1/2 f'' (y - <y_i>)², of third order there; from one record alone both are the same.
 
 What is returned is a function of the set of records that reach (x, n), bit for bit: t_i is computed by one function,
-boxes are never smaller than what t_i > 0 reaches, and the records found are summed in the order of their numbers. More
-than CAPACITY of them, which only a cache gone wrong has, are the heaviest CAPACITY; of equals, the first.
+boxes are never smaller than what t_i > 0 reaches, and the records found are summed in the order of their numbers. Of
+more than CAPACITY of them, as where records are so noisy that they seem to disagree and ever more are made between
+them, it is the heaviest CAPACITY; of equals, the first.
 """
 
 from __future__ import annotations
@@ -95,25 +96,50 @@ def _lighter(a: wp.uint64, b: wp.uint64) -> wp.bool:
 
 
 @wp.func
-def _insert(key: wp.uint64, count: wp.int32, found: wp.array[wp.uint64]) -> wp.int32:
-    """Put a record in its place among the `count` found, in the order of ranks; the new count."""
-    size = wp.int32(count)
-    if size == CAPACITY:
-        lightest = wp.int32(0)
-        for k in range(1, size):
-            if _lighter(found[k & _MASK], found[lightest & _MASK]):
-                lightest = k
-        if not _lighter(found[lightest & _MASK], key):
-            return size
-        size -= 1
-        for k in range(lightest, size):
-            found[k & _MASK] = found[(k + 1) & _MASK]
-    place = wp.int32(size)
-    while place > 0 and found[(place - 1) & _MASK] > key:
-        found[place & _MASK] = found[(place - 1) & _MASK]
-        place -= 1
-    found[place & _MASK] = key
-    return size + 1
+def _sift_down(start: wp.int32, found: wp.array[wp.uint64]) -> None:
+    """Put the record at a place of a heap of CAPACITY below those that are lighter."""
+    key = found[start & _MASK]
+    hole = wp.int32(start)
+    child = 2 * hole + 1
+    while child < CAPACITY:
+        if child + 1 < CAPACITY and _lighter(found[(child + 1) & _MASK], found[child & _MASK]):
+            child += 1
+        if _lighter(found[child & _MASK], key):
+            found[hole & _MASK] = found[child & _MASK]
+            hole = child
+            child = 2 * hole + 1
+        else:
+            child = CAPACITY
+    found[hole & _MASK] = key
+
+
+@wp.func
+def _keep(key: wp.uint64, count: wp.int32, found: wp.array[wp.uint64]) -> wp.int32:
+    """Put a record among the `count` found, in no order; the new count.
+
+    Once there are CAPACITY they are a heap, the lightest first: those that have to give way are found at once.
+    """
+    if count < CAPACITY:
+        found[count & _MASK] = key
+        if count + 1 == CAPACITY:
+            for k in range(CAPACITY // 2):
+                _sift_down(CAPACITY // 2 - 1 - k, found)
+        return count + 1
+    if _lighter(found[0], key):
+        found[0] = key
+        _sift_down(wp.int32(0), found)
+    return count
+
+
+@wp.func
+def _sort_by_rank(count: wp.int32, found: wp.array[wp.uint64]) -> None:
+    for k in range(1, count):
+        key = found[k & _MASK]
+        place = wp.int32(k)
+        while place > 0 and found[(place - 1) & _MASK] > key:
+            found[place & _MASK] = found[(place - 1) & _MASK]
+            place -= 1
+        found[place & _MASK] = key
 
 
 @wp.func
@@ -140,7 +166,8 @@ def find(
             while mask != 0:
                 lane = lowest_bit(mask)
                 mask = mask & (mask - 1)
-                count = _insert(_key(cache.rank[8 * leaf + lane], t[lane]), count, found)
+                count = _keep(_key(cache.rank[8 * leaf + lane], t[lane]), count, found)
+    _sort_by_rank(count, found)
     return count
 
 

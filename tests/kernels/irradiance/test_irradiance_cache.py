@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -150,6 +151,23 @@ def test_more_records_than_are_kept() -> None:
     true, true_weight = expected(made, position * [1, 1, 0], normal)
     np.testing.assert_allclose(weight, true_weight, rtol=1e-5)
     np.testing.assert_allclose(irradiance, true, rtol=1e-3, atol=1e-4)
+
+
+def test_many_more_records_than_are_kept_cost_little_more() -> None:
+    """Where noisy records seem to disagree hundreds may reach a place. Most of them are passed over at once."""
+    position, normal = queries(3, 2000, bent=0.0)
+
+    def seconds(count: int) -> float:
+        made = records(3, count, size=3.0, bent=0.0)
+        made["position"][:, 2] = 0
+        made["radius"] = np.maximum(made["radius"], 3.0)
+        began = time.process_time()
+        _, _, found = read(made, position * [1, 1, 0], normal)
+        assert (found == CAPACITY).all()
+        return time.process_time() - began
+
+    few, many = (min(seconds(int(times * CAPACITY)) for _ in range(5)) for times in (1, 12))
+    assert many < 10.0 * few, "with a search for the lightest at each of them: 80 times"
 
 
 def test_of_equal_records_the_first_are_kept() -> None:
