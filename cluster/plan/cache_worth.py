@@ -31,13 +31,19 @@ def unread_at(
         pilot: that was flown for these settings, which have final gathering.
         position, normal: of the places, shape [P, 3].
     """
-    plan, maps, flown = irradiance_plan(pilot, settings, planned), planned.maps, pilot.world.global_map.paths
-    if not maps[GLOBAL_MAP].paths or not len(pilot.photons[GLOBAL_MAP]["id"]):
+    if not planned.maps[GLOBAL_MAP].paths or not len(pilot.photons[GLOBAL_MAP]["id"]):
         return 1.0
     if not len(position):
         return 0.0
     _, radius = pilot.among(GLOBAL_MAP).gather(position, normal, pilot.world.extent)
     # Photons are strewn at random: where some number is expected, there is none with a probability of exp(-number).
-    share = plan.share * maps[GLOBAL_MAP].paths / flown
-    expected = PILOT_K * share * (plan.reach / radius.astype(np.float64)) ** 2
+    expected = sites_about(pilot, settings, planned) / radius.astype(np.float64) ** 2
     return float(np.exp(-expected).mean())
+
+
+def sites_about(pilot: PhotonPilot, settings: RenderSettings, planned: MapPlans) -> float:
+    """Photons with irradiance that a gather ray is expected to find within reach, where PILOT_K photons of the pilot
+    lie within a radius of one [(scene units)²]; within another one as many as by its square.
+    """
+    plan, flown = irradiance_plan(pilot, settings, planned), max(pilot.world.global_map.paths, 1)
+    return PILOT_K * plan.share * planned.maps[GLOBAL_MAP].paths / flown * plan.reach**2

@@ -7,7 +7,8 @@ What samples leave of noise is measured, by the integrators that are compared: e
 with other samples, and half the squared difference is the variance. What photons leave besides, whatever the samples,
 is a share of the square of indirect light. Paths may miss what hardly any of them meets, and a trial of few samples
 does not know what it has missed: the noise of caustics that smooth surfaces make is told by photons (path_caustics).
-How many photons there are is weighed in the same way (map_worth): beside few samples fewer serve.
+How many photons there are is weighed in the same way (map_worth): beside few samples fewer serve. What they get wrong
+everywhere at once is weighed by itself (trial.mean_error).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.integrators.indirect_choice import EVEN_SHARE
-from wdpm.cluster.plan.cache_worth import unread_at
+from wdpm.cluster.plan.cache_worth import sites_about, unread_at
 from wdpm.cluster.plan.caustics.guide import CausticsLearnt, learn_caustics
 from wdpm.cluster.plan.effects import features_of, has_caustics
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
@@ -36,8 +37,10 @@ from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
 from wdpm.cluster.plan.trial.caustic_share import caustic_grain, caustic_share
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.looks import Looks, look, look_by_guided_paths
+from wdpm.cluster.plan.trial.mean_error import mean_error
 from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
 from wdpm.cluster.plan.trial.shadow_rays import shadow_rays
+from wdpm.cluster.plan.trial.unfound import is_dark, with_unfound
 from wdpm.cluster.plan.trial.ways import PATCHES, Way, words_for
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -135,7 +138,7 @@ def choose_integrator(
     learnt = learn_guide(flat, worker.cells[0], view, photons.samples_of_pass)
     paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
     looks = look(flat, worker, photons, paths, learnt)
-    if not may_have_caustics(flat, features, photons):
+    if not may_have_caustics(flat, features, photons) and not is_dark(looks):
         choice = _surely_by_paths(flat, looks, photons)
         if choice is not None:
             by_path, words = choice
@@ -305,9 +308,15 @@ def _with_photons_of_worth(
         own = errors[number].of(plans.expected[number] / share, spp, gathered=gathered[number])
         return own if gathered[number] else PATCHES * own
 
+    @functools.cache
+    def price(shares: tuple[int, ...]) -> float:
+        return Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
+
     def worth(shares: tuple[int, ...]) -> float:
-        price = Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
-        return (of_others + sum(wrong(number, shares[number]) for number in errors)) * price
+        return (of_others + sum(wrong(number, shares[number]) for number in errors)) * price(shares)
+
+    def of_mean(shares: tuple[int, ...]) -> float:
+        return trial.mean_error.worth(paths / shares[GLOBAL_MAP], price(shares)) if reads_photons else 0.0
 
     def is_seen(shares: tuple[int, ...]) -> bool:
         fewer = {n: plans.expected[n] / share for n, share in zip(maps, shares, strict=True) if share > 1}
@@ -315,6 +324,8 @@ def _with_photons_of_worth(
         return any(not errors[number].is_faint(fewer[number], spp, of_samples) for number in read)
 
     gathered = {GLOBAL_MAP: photons.final_gathers, CAUSTIC_MAP: False}
+    reads_photons = photons.final_gathers and GLOBAL_MAP in errors
+    paths = float(plans.maps[GLOBAL_MAP].paths * photons.passes)
     every = [
         fewer_shares(errors[number], plans.expected[number], spp, of_samples, gathered=gathered[number])
         if number in errors
@@ -322,7 +333,7 @@ def _with_photons_of_worth(
         for number in maps
     ]
     worths = {shares: worth(shares) for shares in itertools.product(*every)}
-    best = best_shares(worths, is_seen)
+    best = best_shares(worths, is_seen, of_mean)
     fewer = [
         f"{asked[number] // share:,} {name}photons"
         for number, share, name in zip(maps, best, ("", "caustic "), strict=True)
@@ -381,8 +392,9 @@ def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, l
     places, truth, epsilon = looks.places, looks.truth, looks.epsilon
     caustics = caustics_by_paths(pilot, flat, places, truth, looks.samples, epsilon)
     of_global, of_caustics = _map_errors(flat, pilot, photons, looks)
+    figures = with_unfound(looks, of_global)
     if of_global is not None:
-        of_global = of_global.of_light(looks.by_paths.indirect)
+        of_global = of_global.of_light(figures.indirect)
     plans, queries = map_plans(pilot, photons, flat), _map_queries(places, looks.samples)
     cached = replace(photons, indirect=Indirect.CACHE)
     unread = unread_at(pilot, cached, plans, queries.position, queries.normal)
@@ -394,7 +406,11 @@ def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, l
         ]
         bias = map_bias(pilot, plans, photons.k, queries, wanted, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
     grain = caustic_grain(pilot, places, truth, looks.samples, epsilon)
-    return looks.trial(caustics, unread, (of_global, of_caustics), bias, grain)
+    pilot.worker.set_view(view_of(flat, photons, 1))
+    sites = sites_about(pilot, cached, plans)
+    off = mean_error(flat, pilot, places.all("position"), places.all("normal"), looks.share_of_indirect, sites)
+    trial = looks.trial(caustics, unread, (of_global, of_caustics), bias, grain)
+    return replace(trial, by_paths=figures, mean_error=off)
 
 
 def _map_errors(

@@ -7,6 +7,7 @@ noisy, and nobody will know; one that no path of the pilot has found is not ther
 Nor is a map worth being finer than the image is exact. What its gathers get wrong besides is noise, which is that of k
 photons however many there are, but for pixels so large that their samples ask different ones; and blur, which is that
 of the radius in which these k lie. Both are told by the pilot's photons, at places that the camera sees (MapError).
+What all pixels have in common of a map's errors is told apart (trial.mean_error).
 """
 
 from __future__ import annotations
@@ -260,18 +261,25 @@ def fewer_shares(error: MapError, expected: float, spp: int, of_samples: float, 
     return tuple(share for share in halves if serves(share))
 
 
-def best_shares(worths: Mapping[tuple[int, ...], float], is_seen: Callable[[tuple[int, ...]], bool]) -> tuple[int, ...]:
+def best_shares(
+    worths: Mapping[tuple[int, ...], float],
+    is_seen: Callable[[tuple[int, ...]], bool],
+    of_mean: Callable[[tuple[int, ...]], float] = lambda _: 0.0,
+) -> tuple[int, ...]:
     """The parts of each map's photons, as 1 of so many, to be taken.
 
     Args:
         worths: error times price by such parts, those of all photons among them.
         is_seen: whether patches of maps of such parts, fewer than all photons, are seen beside the samples.
+        of_mean: error times price of the image's mean, which fewer photons are not to raise.
     """
     all_of_them = tuple(1 for _ in next(iter(worths)))
 
     def gains(shares: tuple[int, ...]) -> bool:
+        if shares == all_of_them:
+            return True
         least = LEAST_GAIN if is_seen(shares) else LEAST_GAIN_UNSEEN
-        return shares == all_of_them or worths[shares] <= least * worths[all_of_them]
+        return worths[shares] <= least * worths[all_of_them] and of_mean(shares) <= of_mean(all_of_them)
 
     worth = {shares: worths[shares] for shares in worths if gains(shares)}
     return min(shares for shares in worth if worth[shares] <= ALIKE * min(worth.values()))

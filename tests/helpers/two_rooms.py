@@ -1,4 +1,4 @@
-"""Rooms that are lit from next door: two behind a wall, with nearly all lamps in the other, and a corridor."""
+"""Rooms that are lit from next door: behind a wall, with nearly all lamps in the other, by a door, and a corridor."""
 
 from __future__ import annotations
 
@@ -19,6 +19,32 @@ def rooms(more: tuple[Light, ...] = (), size: tuple[int, int] = (48, 32)) -> Sce
     wall = [quad((-1, -1, -0.5), (2, 0, 0), (0, 2, 0)), quad((-1, -1, -0.51), (0, 2, 0), (2, 0, 0))]
     made = scene([*shell(), *wall, *_lamps()], camera, ALBEDO)
     return replace(made, lights=more)
+
+
+def by_a_door(size: tuple[int, int] = (48, 32)) -> Scene:
+    """A box with a wall at z = -0.5 and a door at its left end. All light comes by it, from a lamp at the right."""
+    return _behind(_with_door(-0.5, -0.9, 0.3), (0.6, -0.9), size)
+
+
+def round_two_bends(size: tuple[int, int] = (48, 32)) -> Scene:
+    """The same with two walls: by a narrow door at the left end of the one and at the right end of the other."""
+    return _behind(_with_door(0.7, 0.8, 0.15) + _with_door(-0.7, -0.95, 0.15), (0.7, -0.9), size)
+
+
+def _behind(walls: list[Mesh], lamp: tuple[float, float], size: tuple[int, int]) -> Scene:
+    camera = replace(view((0.3, 0.2, 1.9), (0.2, -0.1, -0.5), 80, up=(0, 1, 0)), width=size[0], height=size[1])
+    left = quad((-1, -1, -2), (0, 2, 0), (0, 0, 4))
+    return scene([*shell(), left, *walls, _lamp(*lamp, 20.0)], camera, ALBEDO)
+
+
+def _with_door(z: float, x: float, wide: float) -> list[Mesh]:
+    """A wall from side to side at z, with a door from x on."""
+    strips = (((-1, x), (-1, 1)), ((x + wide, 1), (-1, 1)), ((x, x + wide), (0.4, 1)))
+    wall = []
+    for (x0, x1), (y0, y1) in strips:
+        across, up = (x1 - x0, 0, 0), (0, y1 - y0, 0)
+        wall += [quad((x0, y0, z), across, up), quad((x0, y0, z - 0.05), up, across)]
+    return wall
 
 
 def _lamp(x: float, z: float, radiance: float) -> Mesh:

@@ -10,6 +10,7 @@ import numpy as np
 from wdpm.cluster.plan.map_worth import MapError
 from wdpm.cluster.plan.path_caustics import PathCaustics
 from wdpm.cluster.plan.small_view import Figures, Values
+from wdpm.cluster.plan.trial.mean_error import NO_MEAN_ERROR, MeanError
 from wdpm.cluster.render_settings import RenderSettings
 
 GATHERED = 0.3
@@ -35,6 +36,7 @@ class Trial:
         noises: of a sample of each pixel: by photons, by paths as rendered, and the part of unguided ones that indirect
             light makes, shape [height, width].
         by_guided: figures of path tracing as it would be rendered, guided to caustics; None where it would not be.
+        mean_error: of the image's mean, by photons that gather rays read.
     """
 
     by_photons: Figures
@@ -47,6 +49,7 @@ class Trial:
     caustic_grain: float
     noises: tuple[Values, Values, Values]
     by_guided: Figures | None = None
+    mean_error: MeanError = NO_MEAN_ERROR
 
     @property
     def as_rendered(self) -> Figures:

@@ -101,6 +101,14 @@ class Looks:
         return replace(trial, caustics=caustics, noises=noises, by_guided=figures)
 
     @property
+    def share_of_indirect(self) -> float:
+        """Of the light of all pixels together; 1 where paths have met none."""
+        indirect, whole = (
+            np.mean([half[name].mean() for half in self.paths.layers]) for name in ("indirect", "beauty")
+        )
+        return float(indirect / whole) if whole > 0 else 1.0
+
+    @property
     def _weight(self) -> Values:
         """Of squared errors, as in relMSE."""
         weight: Values = 1.0 / (self.truth**2 + self.epsilon)
