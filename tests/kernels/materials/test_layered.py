@@ -91,7 +91,7 @@ def test_its_diffuse_part_is_lambertian_under_gloss(roughness: float) -> None:
 
 
 def test_what_it_reflects_at_grazing_angles_is_no_more_than_disneys() -> None:
-    """Of white surfaces that are rough, which reflect more than they get there in either form."""
+    """Of white surfaces that are rough, which reflect more than they get there in Disney's form."""
     a = np.repeat(direction(80.0)[None, :], 4000, axis=0).astype(np.float32)
     b = above(4000, 7).astype(np.float32)
     ours = evaluate(layered(1.0, 1.0), a, b).all.mean()
