@@ -55,6 +55,8 @@ class Deadline:
 
     def note(self, text: str) -> None: ...
 
+    def finish(self) -> None: ...
+
 
 class AnewCluster(Cluster):
     """Has every render begin anew: without cells and photons of the one before."""
