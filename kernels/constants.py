@@ -127,10 +127,10 @@ ROULETTE_FROM_OF_GATHERS = wp.constant(2)
 so little light is at stake, and each further bounce costs a round through all cells."""
 
 WEAK_REFLECTION = wp.constant(0.1)
-"""Throughput below which Russian roulette ends paths of photon mapping sooner, in proportion to it.
+"""Throughput below which Russian roulette ends paths of photon mapping that leave a diffuse surface by its gloss.
 
-What diffuse parts show is known where a path arrives, so it goes on by what coats reflect alone, a twentieth or so. The
-first such ray is always traced, as what mirrors show must not be noisy; a reflection in a reflection adds little."""
+What the surface's diffuse part shows is known there, and its gloss adds a twentieth or so. The first such ray is always
+traced, as what floors mirror must not be noisy; a reflection in a reflection adds little."""
 
 WEAK_REFLECTION_OF_GATHERS = wp.constant(0.5)
 """The same of gather rays, many of which are averaged, from where they arrive on."""

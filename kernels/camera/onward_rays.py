@@ -92,6 +92,7 @@ def by_diffuse_part(guide: wp.ref[CausticGuide], s: Surface, u: wp.vec2, guided:
 def make_go_on(features: Features) -> wp.Function:
     """The function `go_on` for surfaces with a set of features."""
     bsdf = make_bsdf(features)
+    has_diffuse = bsdf.has_diffuse
     eval_diffuse = bsdf.eval_diffuse
     sample_glossy = bsdf.sample_glossy
 
@@ -192,7 +193,9 @@ def make_go_on(features: Features) -> wp.Function:
                 roulette_from = ROULETTE_FROM_OF_GATHERS
         weak = wp.float32(0.0)
         if wp.static(features.glossy):
-            if orders.diffuse_light != BY_PATHS and not by_diffuse and straight == 0:
+            # Behind glass and in mirrors there is nothing else to see, however dark they are.
+            shows = w_from[2] > 0.0 and has_diffuse(s.bsdf)
+            if orders.diffuse_light != BY_PATHS and shows and not by_diffuse and straight == 0:
                 if p.diffuse > 0:
                     weak = WEAK_REFLECTION_OF_GATHERS
                 elif p.bounce > 0:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 import pytest
+from gltf_squares import look_from
 from numpy.typing import NDArray
 
 from wdpm.cluster.render_settings import Integrator, RenderSettings
@@ -34,16 +35,6 @@ STRENGTH = (1.0, 0.5, 0.25)
 COLOR = (0.8, 0.5, 0.2)
 # The lower half of the unit square shows the second row.
 TEXELS = np.array([[[255, 128, 64, 255], [0, 255, 128, 128]], [[64, 32, 255, 64], [200, 100, 0, 192]]], np.uint8)
-
-
-def look_from(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Axes and origin of what looks along its -z from a place to the origin, shape [4, 4]."""
-    back = place / np.linalg.norm(place)
-    right = np.cross([0.0, 1.0, 0.0], back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2], matrix[:3, 3] = right, np.cross(back, right), back, place
-    return matrix
 
 
 def png(mode: str) -> bytes:
