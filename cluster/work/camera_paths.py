@@ -224,7 +224,7 @@ class CameraPaths:
         follows = list(self._send_on(batch, shaded))
         samples = {
             "slot": batch.arrays["slot"],
-            "indirect": self._indirect(shaded, batch.arrays, actions),
+            "indirect": self._indirect(shaded, batch.arrays, actions, self._even(shaded, actions)),
             "cell": np.full(len(batch), self._cell, np.int32),
             **columns.download(shaded.seen, ("emission", "depth", "normal", "albedo")),
         }
@@ -317,12 +317,13 @@ class CameraPaths:
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), int(vertices.SHOTS_LATER), actions)
         follows = list(self._send_on(batch, shaded))
         reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
+        even = self._even(shaded, actions)
         seen = {
             parts.EMISSION: columns.column(shaded.seen, "emission"),
-            parts.INDIRECT: self._indirect(shaded, arrays, actions),
+            parts.INDIRECT: self._indirect(shaded, arrays, actions, even),
         }
         if self._replica.world.caustic_map.paths:
-            seen[parts.CAUSTIC] = self._later_caustics(shaded, arrays, actions)
+            seen[parts.CAUSTIC] = self._later_caustics(shaded, arrays, actions, even)
         lit_parts = [self._part(batch.runs, arrays, part, light) for part, light in seen.items()]
         lit_parts += [Batch(Kind.LIT, self._cell, batch.runs.among(rows), reach) for rows, reach in reaches]
         lit = joined(lit_parts)
@@ -349,11 +350,12 @@ class CameraPaths:
         by_rays = self._view.diffuse_light is DiffuseLight.FINAL_GATHER
         return self.final_gather.decide(paths, arrays) if by_rays else None
 
-    def _indirect(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+    def _indirect(
+        self, shaded: Any, arrays: Arrays, actions: Actions | None, even: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
         """Indirect light that is known at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
-        even = self._even(shaded, actions)
         # What other surfaces reflect depends on where the light comes from: these vertices ask the photons themselves.
         asks = actions.by_photons & (~even | actions.by_length)
         reflectance = columns.column(shaded.coats, "reflectance") if self._replica.world.features.coated else None
@@ -362,15 +364,17 @@ class CameraPaths:
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance
 
-    def _later_caustics(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+    def _later_caustics(
+        self, shaded: Any, arrays: Arrays, actions: Actions | None, even: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
         """Light of the caustic map beyond the first surface; irradiance that was computed ahead has it in it."""
-        asks = None
-        if actions is not None:
-            asks = ~(actions.by_photons & self._even(shaded, actions) & ~actions.by_length)
+        asks = None if actions is None else ~(actions.by_photons & even & ~actions.by_length)
         return self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, asks)
 
-    def _even(self, shaded: Any, actions: Actions) -> NDArray[np.bool_]:
-        """Of which vertices irradiance tells what the diffuse part reflects, shape [N]."""
+    def _even(self, shaded: Any, actions: Actions | None) -> NDArray[np.bool_]:
+        """Of which vertices irradiance tells what the diffuse part reflects, shape [N]; of none where nobody asks."""
+        if actions is None:
+            return np.zeros(0, np.bool_)
         if not self._replica.world.features.coated:
             return np.ones(len(actions.codes), np.bool_)
         return columns.column(shaded.coats, "even")
