@@ -54,6 +54,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _signals_reach_processes() -> None:
+    """That tests start: from a shell's background, or nohup, they would inherit that these are ignored."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)  # which a process that is started does not inherit
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _kernels_of_all_tests(request: pytest.FixtureRequest) -> Iterator[None]:
     """Scenes have the kernels that all tests share, for no effects or for all: to compile others takes 20 s each time.
 
