@@ -181,6 +181,7 @@ class Records:
         normal: unit shading normal, float32, shape [N, 3].
         irradiance: [W/m²], float32, shape [N, 3].
         rotation, translation: its gradients, one row a channel, float32, shape [N, 3, 3].
+        grazing: how much the light grazes the surface (kernels.maths.schlick), float32, shape [N].
         radius: how far the record reaches, float32, shape [N]. Places and lengths are in the renderer's space.
         error: standard error of the irradiance, as its own rays tell it, mean of RGB [W/m²], float32, shape [N].
     """
@@ -191,6 +192,7 @@ class Records:
     irradiance: NDArray[np.float32]
     rotation: NDArray[np.float32]
     translation: NDArray[np.float32]
+    grazing: NDArray[np.float32]
     radius: NDArray[np.float32]
     error: NDArray[np.float32]
 
@@ -209,6 +211,7 @@ NO_RECORDS = Records(
     np.empty((0, 3), np.float32),
     np.empty((0, 3, 3), np.float32),
     np.empty((0, 3, 3), np.float32),
+    np.empty(0, np.float32),
     np.empty(0, np.float32),
     np.empty(0, np.float32),
 )

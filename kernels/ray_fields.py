@@ -146,6 +146,7 @@ SURFACE_POINT: Final[Fields] = {
 IRRADIANCE_POINT: Final[Fields] = {
     **chosen(STORED_PHOTON, "id", "position", "normal"),
     "radiance": vector("that a white surface sends back [W/(m² sr)]"),
+    "grazing": number("how much that light grazes the surface: kernels.maths.schlick"),
     "radius": number("of the gather that it comes from [scene units]"),
     "room": number("how far off it may be read: no wall is so near [scene units]"),
 }

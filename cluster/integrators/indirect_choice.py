@@ -2,8 +2,8 @@
 
 Final gathering with the irradiance cache is the least error for the time on surfaces that reflect nearly alike,
 wherever light comes from, once there are samples enough to repay the gather rays of the records. Where light is
-scattered by media, or most diffuse surfaces have a coat, bumps or sheen, which no record serves, the photon map is read
-where the camera path meets it.
+scattered by media, or most diffuse surfaces have bumps, sheen or Disney's base, which no record serves, the photon map
+is read where the camera path meets it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _choice(flat: FlatScene, settings: IntegratorSettings, wanted: bool) -> tupl
         return Indirect.MAP, f"{samples:,} samples are too few to repay gathering (from {SAMPLES_TO_REPAY:,} on)"
     share = _even_share(flat)
     if share < EVEN_SHARE:
-        return Indirect.MAP, f"{1 - share:.0%} of the diffuse surface has a coat, bumps or sheen"
+        return Indirect.MAP, f"{1 - share:.0%} of the diffuse surface has bumps, sheen or Disney's base"
     return Indirect.CACHE, f"{share:.0%} of the diffuse surface reflects light alike, wherever it comes from"
 
 

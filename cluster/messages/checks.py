@@ -114,6 +114,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "irradiance": ("records", 3),
         "rotation": ("records", 3, 3),
         "translation": ("records", 3, 3),
+        "grazing": ("records",),
         "radius": ("records",),
         "error": ("records",),
     },

@@ -245,7 +245,10 @@ def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: Re
     over_wide = _is_over_wide(trial, plans)
     by_map = _by_photons(flat, plans, trial, photons)
     if trial.even < EVEN_SHARE and not over_wide:
-        return by_map, f"indirect light: map, since {1 - trial.even:.0%} of what is seen has a coat or sheen"
+        return (
+            by_map,
+            f"indirect light: map, since {1 - trial.even:.0%} of what is seen has bumps, sheen or Disney's base",
+        )
     rays = Indirect.CACHE if trial.even >= EVEN_SHARE else Indirect.GATHER
     by_rays = _by_photons(flat, plans, trial, replace(photons, indirect=rays))
     of_map, of_rays = by_map.way.as_seen, by_rays.way.as_seen

@@ -358,8 +358,8 @@ class CameraPaths:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
         # What other surfaces reflect depends on where the light comes from: these vertices ask the photons themselves.
         asks = actions.by_photons & (~even | actions.by_length)
-        reflectance = columns.column(shaded.coats, "reflectance") if self._replica.world.features.coated else None
-        radiance = actions.reflected(columns.column(shaded.queries, "weight"), reflectance, even & ~asks)
+        coats = shaded.coats if self._replica.world.features.coated else None
+        radiance = actions.reflected(columns.column(shaded.queries, "weight"), coats, even & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance

@@ -72,6 +72,7 @@ class Actions:
         by_photons: which are told by photons: they end gather rays, shape [N].
         by_length: those of them that ask the photons themselves, which know how long their paths are, shape [N].
         radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
+        grazing: how much that light grazes the surface (kernels.maths.schlick), float32, shape [N].
         length: of the rays that arrived [scene units], float32, shape [N].
     """
 
@@ -79,32 +80,44 @@ class Actions:
     by_photons: NDArray[np.bool_]
     by_length: NDArray[np.bool_]
     radiance: NDArray[np.float32]
+    grazing: NDArray[np.float32]
     length: NDArray[np.float32]
 
-    def reflected(
-        self, weight: NDArray[np.float32], reflectance: NDArray[np.float32] | None, among: NDArray[np.bool_]
-    ) -> NDArray[np.float32]:
+    def reflected(self, weight: NDArray[np.float32], coats: Any, among: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Light that even diffuse parts reflect of what was read, float32, shape [N, 3].
 
         Args:
             weight: of the vertices' queries.
-            reflectance: of their coats, None where there are none.
+            coats: kernels.camera.vertices.Coats; None where there are none.
             among: the vertices that this is asked of.
         """
         reads = among & (self.codes != int(vertices.TRACE_ON))
         radiance = weight * self.radiance
-        if reflectance is not None:
-            radiance *= reflectance
+        if coats is not None:
+            radiance *= columns.column(coats, "reflectance")
+            by_grazing = np.float32(1.0) + columns.column(coats, "grazing_gain") * self.grazing
+            radiance *= np.maximum(np.float32(0.0), by_grazing)[:, None]
         if reads.all():
             return radiance
         return np.where(reads[:, None], radiance, np.float32(0.0)).astype(np.float32)
+
+    def read(self, rows: NDArray[np.intp], told: Arrays, known: NDArray[np.bool_]) -> None:
+        """Take what records tell of some of the vertices.
+
+        Args:
+            told: "irradiance" and "grazing" of the rows.
+            known: which of the rows.
+        """
+        self.codes[rows[known]] = int(vertices.CACHED)
+        self.radiance[rows[known]] = told["irradiance"][known] * np.float32(INV_PI)
+        self.grazing[rows[known]] = told["grazing"][known]
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
         """Those of some vertices, ascending."""
         if len(rows) == len(self.codes):
             return self
         told = self.by_photons[rows], self.by_length[rows]
-        return Actions(self.codes[rows], *told, self.radiance[rows], self.length[rows])
+        return Actions(self.codes[rows], *told, self.radiance[rows], self.grazing[rows], self.length[rows])
 
     def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[tuple[NDArray[np.intp], Arrays]]:
         """How far gather rays of records went: which rays, and parts for their homes.
@@ -157,6 +170,7 @@ class FinalGather:
             np.zeros(count, np.bool_),
             self._is_too_long(arrays, 0),
             np.zeros((count, 3), np.float32),
+            np.zeros(count, np.float32),
             columns.column(places, "length"),
         )
         found = self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
@@ -179,7 +193,8 @@ class FinalGather:
         self.counters.interpolated += covered
         self.counters.uncovered += int(np.count_nonzero(told["asked"])) - covered
         none = np.zeros(count, np.bool_)
-        return Actions(told["code"], none, self._is_too_long(arrays, 0), told["value"], told["length"])
+        by_length = self._is_too_long(arrays, 0)
+        return Actions(told["code"], none, by_length, told["value"], told["grazing"], told["length"])
 
     def _arrive(self, points: Any, paths: Any, arrays: Arrays) -> tuple[Actions, NDArray[np.bool_]]:
         """As _read, where all are gather rays that have arrived, for which one kernel does it all.
@@ -193,7 +208,8 @@ class FinalGather:
         self.counters.read_s += seconds
         self.counters.rays += count
         reads = told["code"] == np.int32(vertices.CACHED)
-        actions = Actions(told["code"], reads, self._is_too_long(arrays, 0), told["value"], told["length"])
+        by_length = self._is_too_long(arrays, 0)
+        actions = Actions(told["code"], reads, by_length, told["value"], told["grazing"], told["length"])
         return actions, told["found"].astype(np.bool_, copy=False)
 
     def _tell(self, kernel: Any, outputs: Mapping[str, Any], count: int, **arguments: Any) -> tuple[Arrays, float]:
@@ -232,7 +248,7 @@ class FinalGather:
         places = self._places(paths, len(slot))
         rows = np.flatnonzero(self._cacheable(places))
         if self._replica.cache is not None and len(rows):
-            _, weight = self._from_cache(places, rows)
+            weight = self._from_cache(places, rows)["weight"]
             rows = rows[weight < np.float32(self._view.cache.wanted)]
         pixel = np.float32(self._replica.pixel_width)
         across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else columns.column(paths, "t")[rows]
@@ -261,7 +277,8 @@ class FinalGather:
         if points is None or not len(rays):
             return within
         launcher, device = self._replica.launcher, self._replica.launcher.device
-        made = columns.outputs({"value": wp.vec3, "radius": wp.float32, "found": wp.bool}, len(rays), device)
+        kinds = {"value": wp.vec3, "grazing": wp.float32, "radius": wp.float32, "found": wp.bool}
+        made = columns.outputs(kinds, len(rays), device)
         began = time.perf_counter()
         launcher(
             read_irradiance,
@@ -269,18 +286,17 @@ class FinalGather:
             points=points,
             **self._some(places, ("position", "normal"), rays),
             reach=plan.reach,
-            value_out=made["value"],
-            radius_out=made["radius"],
-            found_out=made["found"],
+            **{f"{name}_out": array for name, array in made.items()},
         )
         self.counters.read_s += time.perf_counter() - began
-        value, radius, found = columns.to_host(made).values()
+        value, grazing, radius, found = columns.to_host(made).values()
         near = found.astype(bool)
         long = (actions.length[rays] >= radius) | (diffuse[rays] > 1)
         reads = near & long
         actions.codes[rays[reads]] = int(vertices.CACHED)
         actions.by_photons[rays[reads]] = True
         actions.radiance[rays[reads]] = value[reads]
+        actions.grazing[rays[reads]] = grazing[reads]
         within[rays] = near
         return within
 
@@ -299,12 +315,10 @@ class FinalGather:
             device = self._replica.launcher.device
             places = self._places(columns.chosen(Paths, paths, rows, device), len(rows))
             among = np.flatnonzero(self._cacheable(places))
-            irradiance, weight = self._from_cache(places, among)
-            known = (weight > 0) & (weight >= np.float32(self._view.cache.wanted))
-            told = rows[among[known]]
-            actions.codes[told] = int(vertices.CACHED)
-            actions.radiance[told] = irradiance[known] * np.float32(INV_PI)
-            going_on[told] = False
+            told = self._from_cache(places, among)
+            known = (told["weight"] > 0) & (told["weight"] >= np.float32(self._view.cache.wanted))
+            actions.read(rows[among], told, known)
+            going_on[rows[among[known]]] = False
         self.counters.unread += int(np.count_nonzero(going_on & ~found))
         self.counters.short += int(np.count_nonzero(going_on & found))
 
@@ -315,33 +329,30 @@ class FinalGather:
         rows = rows[self._cacheable(places)[rows]]
         if not len(rows):
             return
-        irradiance, weight = self._from_cache(places, rows)
-        covered = weight > 0
+        told = self._from_cache(places, rows)
+        covered = told["weight"] > 0
         self.counters.interpolated += int(np.count_nonzero(covered))
         self.counters.uncovered += int(np.count_nonzero(~covered))
-        actions.codes[rows[covered]] = int(vertices.CACHED)
-        actions.radiance[rows[covered]] = irradiance[covered] * np.float32(INV_PI)
+        actions.read(rows, told, covered)
 
-    def _from_cache(self, places: Any, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Irradiance and the weight of the records that tell it, float32, shapes [rows, 3] and [rows]."""
+    def _from_cache(self, places: Any, rows: NDArray[np.intp]) -> Arrays:
+        """What records tell: "irradiance" [rows, 3], "grazing" [rows], and their "weight" [rows], float32."""
         launcher, device = self._replica.launcher, self._replica.launcher.device
-        made = columns.outputs({"irradiance": wp.vec3, "weight": wp.float32, "count": wp.int32}, len(rows), device)
+        kinds = {"irradiance": wp.vec3, "grazing": wp.float32, "weight": wp.float32, "count": wp.int32}
+        made = columns.outputs(kinds, len(rows), device)
         began = time.perf_counter()
         launcher(
             interpolate,
             len(rows),
             cache=self._replica.cache,
             **self._some(places, ("position", "shading_normal"), rows),
-            irradiance_out=made["irradiance"],
-            weight_out=made["weight"],
-            count_out=made["count"],
+            **{f"{name}_out": array for name, array in made.items()},
         )
         self.counters.interpolated_s += time.perf_counter() - began
-        told = columns.to_host({name: made[name] for name in ("irradiance", "weight")})
-        return told["irradiance"], told["weight"]
+        return columns.to_host({name: made[name] for name in ("irradiance", "grazing", "weight")})
 
     def _cacheable(self, places: Any) -> NDArray[np.bool_]:
-        """Where the diffuse part is Lambertian, on the seen side."""
+        """Where the diffuse part is even, on the seen side."""
         material, front = np.divmod(columns.column(places, "side"), 2)
         seen: NDArray[np.bool_] = (self._replica.even_sides[material] & (2 - front)) != 0
         return seen

@@ -21,7 +21,7 @@ from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
 from wdpm.cluster.work.photon_buffers import ColumnBuffer, MapBuffers, Numbered, PositionsOf
-from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, Walled, by_white, of_white
+from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, Reflected, Walled, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.surface_points import PointSpreader
 from wdpm.cluster.work.tally import no_photons
@@ -399,9 +399,9 @@ class PhotonStore:
         launcher = self._replica.launcher
 
         def make() -> list[Any]:
-            position, radiance, normal = points["position"], points["radiance"], points["normal"]
+            position, radiance, grazing, normal = (points[n] for n in ("position", "radiance", "grazing", "normal"))
             others = points["radius"], points["room"], points["id"], launcher.device, launcher.build_launcher()
-            return [at_photons.build(position, radiance, normal, *others)]
+            return [at_photons.build(position, radiance, grazing, normal, *others)]
 
         tree = CacheEntry(self._cache_name("irradiance"), (photon_map.PhotonMap,), make)
         (self.irradiance,) = self._replica.host_cache.get(tree)
@@ -430,6 +430,7 @@ class PhotonStore:
         rank = columns.array_over(photons["rank"], wp.int32, device)
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
+        grazing = wp.empty(count if self._grazes else 0, dtype=wp.float32, device=device)
         launcher(
             gather_at_photons,
             -(-count // GATHER_RUN),
@@ -446,28 +447,34 @@ class PhotonStore:
             run=GATHER_RUN,
             irradiance_out=irradiance,
             radius_out=radius,
+            grazing_out=grazing,
         )
         places = Places(position, normal, front)
         radiance = by_white(irradiance, radius, self.points[GLOBAL_MAP], plan, places, launcher)
+        light = Reflected(radiance, grazing.numpy())
         trees = self.maps[GLOBAL_MAP].tree, self.points[GLOBAL_MAP]
         walled = Walled(replica.kernels.feel_for_walls, *self._geometry, *trees, rank, plan, world.irradiance)
-        told = walled.gather(places, radius, radiance, launcher)
+        told = walled.gather(places, radius, light, launcher)
+        light = self._with_caustics(Reflected(told["radiance"], told["grazing"]), places)
         self.irradiance_count = count
-        own = {
-            **{name: photons[name] for name in ("id", "position", "normal")},
-            **told,
-            "radiance": told["radiance"] + self._caustics_at(places),
-        }
+        own = {**{name: photons[name] for name in ("id", "position", "normal")}, **told, **vars(light)}
+        if not self._grazes:
+            own["grazing"] = np.zeros(count, np.float32)
         self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began
 
-    def _caustics_at(self, places: Places) -> NDArray[np.float32]:
-        """What a white Lambertian surface reflects of the caustic map at some places, shape [N, 3]."""
+    @property
+    def _grazes(self) -> bool:
+        """Whether somebody asks how much light grazes surfaces: where some of them are no Lambertian ones."""
+        return self._replica.world.features.coated
+
+    def _with_caustics(self, light: Reflected, places: Places) -> Reflected:
+        """What a white Lambertian surface reflects at some places; of the caustic map, too."""
         world, built = self._replica.world, self.maps[CAUSTIC_MAP]
         if built is None or not len(places.position):
-            return np.zeros((len(places.position), 3), np.float32)
+            return light
         k, plan, points = world.irradiance.caustic_k, world.caustic_map, self.points[CAUSTIC_MAP]
-        return of_white(built.tree, points, plan, k, places, self._replica.launcher)
+        return light.with_more(of_white(built.tree, points, plan, k, places, self._grazes, self._replica.launcher))
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.gather import gather_kernel
+from wdpm.kernels.photons.gather_at_photons import gather_at_places
 from wdpm.kernels.photons.in_sight import gather_in_sight
 from wdpm.kernels.photons.surface_points import least_radius, reflect_gathered
 from wdpm.kernels.photons.walls import FEELERS
@@ -42,37 +42,61 @@ class Places:
     front: Any
 
 
+@dataclass(frozen=True, eq=False)
+class Reflected:
+    """What white Lambertian surfaces reflect at N places.
+
+    Attributes:
+        radiance: [W/(m² sr)], float32, shape [N, 3].
+        grazing: how much that light grazes the surface (kernels.maths.schlick), float32, shape [N]; none where nobody
+            asks.
+    """
+
+    radiance: NDArray[np.float32]
+    grazing: NDArray[np.float32]
+
+    def with_more(self, other: Reflected) -> Reflected:
+        """The light of both."""
+        radiance = self.radiance + other.radiance
+        if not len(self.grazing):
+            return Reflected(radiance, self.grazing)
+        own, more = (light.radiance.sum(axis=1, dtype=np.float64) for light in (self, other))
+        whole, weighed = own + more, own * self.grazing + more * other.grazing
+        grazing = np.divide(weighed, whole, out=np.zeros_like(whole), where=whole > 0)
+        return Reflected(radiance, grazing.astype(np.float32))
+
+
 def of_white(
-    photons: Any, points: Any, plan: MapPlan, k: int, places: Places, launcher: Launcher
-) -> NDArray[np.float32]:
-    """Radiance that white Lambertian surfaces reflect of the photons about them, shape [N, 3].
+    photons: Any, points: Any, plan: MapPlan, k: int, places: Places, grazes: bool, launcher: Launcher
+) -> Reflected:
+    """What white Lambertian surfaces reflect of the photons about them.
 
     Args:
         photons, points: trees of a map's photons and of its surface points.
         plan: of the map.
         k: photons to look for.
+        grazes: whether anybody asks how much light grazes the surface.
     """
     count, device = len(places.position), launcher.device
     irradiance = wp.empty(count, dtype=wp.vec3, device=device)
     radius = wp.empty(count, dtype=wp.float32, device=device)
+    grazing = wp.empty(count if grazes else 0, dtype=wp.float32, device=device)
     launcher(
-        gather_kernel,
+        gather_at_places,
         -(-count // GATHER_RUN),
         grain=GATHER_GRAIN,
         photons=photons,
         position=places.position,
         normal=places.normal,
-        shading_normal=places.normal,
         k=k,
         r_max=plan.radius,
         r_least=least_radius(plan.point_area, plan.radius),
         run=GATHER_RUN,
         irradiance_out=irradiance,
-        count_out=wp.empty(count, dtype=wp.int32, device=device),
         radius_out=radius,
-        truncated_out=wp.empty(count, dtype=wp.bool, device=device),
+        grazing_out=grazing,
     )
-    return by_white(irradiance, radius, points, plan, places, launcher)
+    return Reflected(by_white(irradiance, radius, points, plan, places, launcher), grazing.numpy())
 
 
 def by_white(
@@ -125,16 +149,17 @@ class Walled:
     plan: MapPlan
     irradiance: IrradiancePlan
 
-    def gather(self, places: Places, radius: Any, radiance: NDArray[np.float32], launcher: Launcher) -> Arrays:
+    def gather(self, places: Places, radius: Any, light: Reflected, launcher: Launcher) -> Arrays:
         """Feel for walls, and estimate anew where one hides something.
 
         Args:
             places: of those that carry it.
             radius: of their gathers, array [N] on the device.
-            radiance: that they told, shape [N, 3].
+            light: that they told.
 
         Returns:
-            "radiance" and "radius", as they are then, and "room": how far off each may be read [scene units].
+            "radiance", "grazing" and "radius", as they are then, and "room": how far off each may be read [scene
+            units].
         """
         count, device = len(places.position), launcher.device
         room = wp.empty(count, dtype=wp.float32, device=device)
@@ -152,10 +177,12 @@ class Walled:
             room_out=room,
             walls_out=walls,
         )
-        told = {"radiance": radiance.copy(), "radius": radius.numpy().copy(), "room": room.numpy().copy()}
+        told = {name: column.copy() for name, column in vars(light).items()}
+        told |= {"radius": radius.numpy().copy(), "room": room.numpy().copy()}
         walled = np.flatnonzero(told["room"] < told["radius"]).astype(np.int32)
         if len(walled):
             made = [wp.empty(len(walled), dtype=kind, device=device) for kind in (wp.vec3, wp.float32, wp.bool)]
+            grazing = wp.empty(len(walled) if len(light.grazing) else 0, dtype=wp.float32, device=device)
             launcher(
                 gather_in_sight,
                 len(walled),
@@ -179,9 +206,12 @@ class Walled:
                 radiance_out=made[0],
                 radius_out=made[1],
                 hidden_out=made[2],
+                grazing_out=grazing,
             )
             seen, within, hidden = (array.numpy() for array in made)
             # Where no surface goes on behind the wall nobody reads from there.
             told["room"][walled[~hidden]] = told["radius"][walled[~hidden]]
             told["radiance"][walled[hidden]], told["radius"][walled[hidden]] = seen[hidden], within[hidden]
+            if len(light.grazing):
+                told["grazing"][walled[hidden]] = grazing.numpy()[hidden]
         return told

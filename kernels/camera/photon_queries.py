@@ -25,6 +25,7 @@ def make_query(features: Features) -> wp.Function:
     has_diffuse = bsdf.has_diffuse
     is_even = bsdf.is_even
     reflectance = bsdf.reflectance
+    grazing_gain = bsdf.grazing_gain
     clearance = make_triangles(features.instances).clearance
 
     @wp.func
@@ -72,8 +73,10 @@ def make_query(features: Features) -> wp.Function:
                 coats_out.w_from[i] = w_from
                 coats_out.even[i] = is_even(s.bsdf)
                 coats_out.reflectance[i] = wp.vec3(1.0)
+                coats_out.grazing_gain[i] = 0.0
                 if s.bsdf.kind != DIFFUSE:
                     coats_out.reflectance[i] = reflectance(s.bsdf, w_from)
+                    coats_out.grazing_gain[i] = grazing_gain(s.bsdf, w_from)
         return albedo
 
     return query

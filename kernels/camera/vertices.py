@@ -91,8 +91,10 @@ class Coats:
     Attributes:
         bsdf, s, t, n, w_from: material, local frame, direction to the viewer in it.
         unbent, bumps2: as in surface.Surface.
-        even: whether irradiance tells what the diffuse part reflects, wherever the light comes from.
-        reflectance: what the irradiance / pi counts for then, besides the query's weight.
+        even: whether irradiance, and how much it grazes, tell what the diffuse part reflects.
+        reflectance: what the irradiance / pi counts for then, besides the query's weight, if light is alike from all
+            sides.
+        grazing_gain: by what share more for each unit by which it grazes more (kernels.maths.schlick).
     """
 
     bsdf: wp.array[Bsdf]
@@ -104,6 +106,18 @@ class Coats:
     bumps2: wp.array[wp.float32]
     even: wp.array[wp.bool]
     reflectance: wp.array[wp.vec3]
+    grazing_gain: wp.array[wp.float32]
+
+
+@wp.func
+def share_by_grazing(gain: wp.float32, grazing: wp.float32) -> wp.float32:
+    """What a diffuse part reflects of light, over what it would of as much that comes alike from all sides.
+
+    Args:
+        gain: its grazing_gain.
+        grazing: how much the light grazes the surface.
+    """
+    return wp.max(0.0, 1.0 + gain * grazing)
 
 
 @columns_of(SHOT)

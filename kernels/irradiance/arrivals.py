@@ -11,14 +11,20 @@ import warp as wp
 
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.vertices import CACHED, TRACE_ON
-from wdpm.kernels.irradiance.at_photons import SEARCH_STACK, nearest_point, radius_at, value_at
+from wdpm.kernels.irradiance.at_photons import SEARCH_STACK, grazing_at, nearest_point, radius_at, value_at
 from wdpm.kernels.irradiance.gather_places import Place, place_of_path
 from wdpm.kernels.photons.photon_map import PhotonMap
 from wdpm.kernels.rays.cell_triangles import Surfaces
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-ARRIVALS: dict[str, Any] = {"code": wp.int32, "value": wp.vec3, "length": wp.float32, "found": wp.bool}
+ARRIVALS: dict[str, Any] = {
+    "code": wp.int32,
+    "value": wp.vec3,
+    "grazing": wp.float32,
+    "length": wp.float32,
+    "found": wp.bool,
+}
 """What `read_arrivals` tells of each ray."""
 
 
@@ -29,11 +35,13 @@ class Arrival:
     Attributes:
         code: CACHED where it reads and ends, else TRACE_ON.
         value: what it reads; zero where it goes on.
+        grazing: how much that light grazes the surface (kernels.maths.schlick).
         found: 1 where there is a point within reach.
     """
 
     code: wp.int32
     value: wp.vec3
+    grazing: wp.float32
     found: wp.int32
 
 
@@ -57,6 +65,7 @@ def arrive(
         if place.length >= radius_at(points, found.place) or diffuse > 1:
             arrival.code = CACHED
             arrival.value = value_at(points, found.place)
+            arrival.grazing = grazing_at(points, found.place)
     return arrival
 
 
@@ -69,6 +78,7 @@ def read_arrivals(
     offset: wp.int32,
     code_out: wp.array[wp.int32],
     value_out: wp.array[wp.vec3],
+    grazing_out: wp.array[wp.float32],
     length_out: wp.array[wp.float32],
     found_out: wp.array[wp.bool],
 ) -> None:
@@ -78,6 +88,7 @@ def read_arrivals(
         paths: gather rays (diffuse > 0) whose final hits lie in this cell.
         code_out: CACHED where a ray reads and ends, else TRACE_ON.
         value_out: what it reads; zero where it goes on.
+        grazing_out: how much that light grazes the surface.
         length_out: of the ray [scene units].
         found_out: whether there is a point within reach.
     """
@@ -87,5 +98,6 @@ def read_arrivals(
     arrival = arrive(points, place, paths.diffuse[i], reach, stack)
     code_out[i] = arrival.code
     value_out[i] = arrival.value
+    grazing_out[i] = arrival.grazing
     length_out[i] = place.length
     found_out[i] = arrival.found == 1

@@ -19,7 +19,13 @@ from wdpm.kernels.rays.cell_triangles import Surfaces
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-OF_RECORDS: dict[str, Any] = {"code": wp.int32, "value": wp.vec3, "length": wp.float32, "asked": wp.bool}
+OF_RECORDS: dict[str, Any] = {
+    "code": wp.int32,
+    "value": wp.vec3,
+    "grazing": wp.float32,
+    "length": wp.float32,
+    "asked": wp.bool,
+}
 """What `read_records` tells of each hit."""
 
 
@@ -32,6 +38,7 @@ def read_records(
     offset: wp.int32,
     code_out: wp.array[wp.int32],
     value_out: wp.array[wp.vec3],
+    grazing_out: wp.array[wp.float32],
     length_out: wp.array[wp.float32],
     asked_out: wp.array[wp.bool],
 ) -> None:
@@ -42,6 +49,7 @@ def read_records(
         paths: without a diffuse scattering so far, whose final hits lie in this cell.
         code_out: CACHED where a record reaches, else TRACE_ON.
         value_out: radiance; zero where none reaches.
+        grazing_out: how much its light grazes the surface (kernels.maths.schlick).
         length_out: of the ray [scene units].
         asked_out: whether records may serve there.
     """
@@ -52,13 +60,16 @@ def read_records(
     front = place.side & 1
     code = wp.int32(TRACE_ON)
     value = wp.vec3(0.0)
+    grazing = wp.float32(0.0)
     asked = (sides[place.side >> 1] & (2 - front)) != 0
     if asked:
         told = interpolated(cache, place.position, place.shading_normal, stack, found)
         if told.weight > 0.0:
             code = CACHED
             value = told.irradiance * INV_PI
+            grazing = told.grazing
     code_out[i] = code
     value_out[i] = value
+    grazing_out[i] = grazing
     length_out[i] = place.length
     asked_out[i] = asked

@@ -36,6 +36,7 @@ _NODE_MASK = wp.constant(wp.uint64(0x7FFFFFFF))
 _NORMAL_COS = wp.constant(wp.float32(NORMAL_COS))
 _RADIUS_ROW = wp.constant(6)  # of a leaf: the x of what photons have as their direction
 _ROOM_ROW = wp.constant(7)
+_GRAZING_ROW = wp.constant(8)
 
 
 @wp.struct
@@ -76,6 +77,7 @@ def chosen(ids: npt.NDArray[np.int64], share: float) -> npt.NDArray[np.bool_]:
 def build(
     position: npt.ArrayLike,
     value: npt.ArrayLike,
+    grazing: npt.ArrayLike,
     normal: npt.ArrayLike,
     radius: npt.ArrayLike,
     room: npt.ArrayLike,
@@ -88,6 +90,7 @@ def build(
     Args:
         position: [scene units], shape [N, 3].
         value: what is read there, red, green, blue; finite, shape [N, 3].
+        grazing: how much that light grazes the surface (kernels.maths.schlick), shape [N].
         normal: unit geometric normal, on the side that the light arrives at, shape [N, 3].
         radius: how far the photons lie that the value is estimated from [scene units], shape [N].
         room: how far off it may be read, as no wall is so near (photons.in_sight) [scene units], shape [N].
@@ -95,7 +98,7 @@ def build(
         device, launch: see `photon_map.build`.
 
     Returns:
-        PhotonMap, whose flux is the value and whose direction is (radius, room, 0).
+        PhotonMap, whose flux is the value and whose direction is (radius, room, grazing).
 
     Raises:
         WdpmError: shapes differ, a number is not finite or too large, or an id comes twice.
@@ -103,10 +106,13 @@ def build(
     radii = np.asarray(radius, dtype=np.float32)
     direction = np.zeros((*radii.shape, 3), np.float32)
     direction[..., 0] = radii
-    rooms = np.asarray(room, dtype=np.float32)
-    if rooms.shape != radii.shape:
-        raise WdpmError(f"irradiance at photons: room of shape {rooms.shape} beside radii of shape {radii.shape}")
-    direction[..., 1] = rooms
+    for axis, (name, column) in enumerate({"room": room, "grazing": grazing}.items(), start=1):
+        of_each = np.asarray(column, dtype=np.float32)
+        if of_each.shape != radii.shape:
+            raise WdpmError(
+                f"irradiance at photons: {name} of shape {of_each.shape} beside radii of shape {radii.shape}"
+            )
+        direction[..., axis] = of_each
     return build_tree(position, value, normal, direction, id, device, launch)
 
 
@@ -224,6 +230,12 @@ def radius_at(points: wp.ref[PhotonMap], place: wp.int32) -> wp.float32:
     return points.leaves[LEAF_ROWS * (place >> 3) + _RADIUS_ROW][place & 7]
 
 
+@wp.func
+def grazing_at(points: wp.ref[PhotonMap], place: wp.int32) -> wp.float32:
+    """How much the light of a point that was found grazes the surface."""
+    return points.leaves[LEAF_ROWS * (place >> 3) + _GRAZING_ROW][place & 7]
+
+
 @wp.kernel
 def read_irradiance(
     points: PhotonMap,
@@ -232,6 +244,7 @@ def read_irradiance(
     reach: wp.float32,
     offset: wp.int32,
     value_out: wp.array[wp.vec3],
+    grazing_out: wp.array[wp.float32],
     radius_out: wp.array[wp.float32],
     found_out: wp.array[wp.bool],
 ) -> None:
@@ -239,6 +252,7 @@ def read_irradiance(
 
     Args:
         value_out: the point's value.
+        grazing_out: how much its light grazes the surface.
         radius_out: radius of its estimate [scene units].
         found_out: whether there is a point within reach.
     """
@@ -247,9 +261,12 @@ def read_irradiance(
     found = nearest_point(points, position[i], normal[i], reach, stack)
     value = wp.vec3(0.0)
     radius = wp.float32(0.0)
+    grazing = wp.float32(0.0)
     if found.place >= 0:
         value = value_at(points, found.place)
         radius = radius_at(points, found.place)
+        grazing = grazing_at(points, found.place)
     value_out[i] = value
+    grazing_out[i] = grazing
     radius_out[i] = radius
     found_out[i] = found.place >= 0

@@ -185,11 +185,13 @@ class Interpolated:
 
     Attributes:
         irradiance: >= 0; 0 where none reaches.
+        grazing: how much that light grazes the surface (kernels.maths.schlick): their mean.
         weight: sum of their weights: 1 for each record right here, 0 where none reaches.
         count: of them, at most CAPACITY.
     """
 
     irradiance: wp.vec3
+    grazing: wp.float32
     weight: wp.float32
     count: wp.int32
 
@@ -212,6 +214,7 @@ def interpolated(
     turned = wp.vec3(0.0)
     translation = wp.mat33(0.0)
     rotation = wp.mat33(0.0)
+    grazing = wp.float32(0.0)
     weight = wp.float32(0.0)
     for k in range(count):
         key = found[k & _MASK]
@@ -223,12 +226,14 @@ def interpolated(
         turned += w * (n - cache.normal[rank])
         translation += w * cache.translation[rank]
         rotation += w * cache.rotation[rank]
+        grazing += w * cache.grazing[rank]
         weight += w
     result = Interpolated()
     result.weight = weight
     result.count = count
     if weight > 0.0:
         plane = values + (translation * moved + rotation * turned) / weight
+        result.grazing = grazing / weight
         result.irradiance = 0.5 * (tangents + wp.max(plane, wp.vec3(0.0))) / weight
     return result
 
@@ -240,6 +245,7 @@ def interpolate(
     shading_normal: wp.array[wp.vec3],
     offset: wp.int32,
     irradiance_out: wp.array[wp.vec3],
+    grazing_out: wp.array[wp.float32],
     weight_out: wp.array[wp.float32],
     count_out: wp.array[wp.int32],
 ) -> None:
@@ -249,6 +255,7 @@ def interpolate(
         position: [scene units] [N].
         shading_normal: unit, on the seen side [N].
         irradiance_out: >= 0; 0 where no record reaches [N].
+        grazing_out: how much it grazes the surface [N].
         weight_out: sum of the weights: 1 for each record right here, 0 where none reaches [N].
         count_out: records that reach, at most CAPACITY [N].
     """
@@ -257,5 +264,6 @@ def interpolate(
     found = wp.zeros(shape=(CAPACITY,), dtype=wp.uint64)
     told = interpolated(cache, position[i], shading_normal[i], stack, found)
     irradiance_out[i] = told.irradiance
+    grazing_out[i] = told.grazing
     weight_out[i] = told.weight
     count_out[i] = told.count

@@ -48,6 +48,7 @@ class IrradianceCache:
     position: wp.array[wp.vec3]  # by rank, like all below  [record count]
     normal: wp.array[wp.vec3]
     irradiance: wp.array[wp.vec3]
+    grazing: wp.array[wp.float32]
     rotation: wp.array[wp.mat33]
     translation: wp.array[wp.mat33]
 
@@ -57,8 +58,8 @@ def build(records: Arrays, device: str = "cpu") -> Any:
 
     Args:
         records: arrays of N: "number", integers unique among all records of the view; "position"; "normal", the
-            shading normal, unit; "radius" > 0; "irradiance" [N, 3]; "rotation", "translation" [N, 3, 3] as of
-            records.make_records.
+            shading normal, unit; "radius" > 0; "irradiance" [N, 3]; "grazing"; "rotation" and "translation" [N, 3, 3],
+            as of records.make_records.
 
     Returns:
         IrradianceCache.
@@ -80,6 +81,7 @@ def build(records: Arrays, device: str = "cpu") -> Any:
     cache.leaves = wp.array(_leaves(by_rank, along, leaf_count), dtype=vec8, device=device)
     cache.nodes = wp.array(_nodes(by_rank, along, levels), dtype=vec8, device=device)
     kinds = dict.fromkeys(("position", "normal", "irradiance"), wp.vec3) | dict.fromkeys(_DERIVATIVES, wp.mat33)
+    kinds["grazing"] = wp.float32
     for name, kind in kinds.items():
         column = by_rank[name]
         setattr(cache, name, wp.array(column, dtype=kind, device=device, copy=not column.flags.writeable))
@@ -91,7 +93,7 @@ def _check(records: Arrays) -> None:
     count = len(number)
     if count > MAX_RECORDS:
         raise WdpmError(f"irradiance cache: {count} records, expected at most {MAX_RECORDS}")
-    shapes: dict[str, tuple[int, ...]] = {"radius": (count,)}
+    shapes: dict[str, tuple[int, ...]] = {"radius": (count,), "grazing": (count,)}
     shapes |= dict.fromkeys(("position", "normal", "irradiance"), (count, 3))
     shapes |= dict.fromkeys(_DERIVATIVES, (count, 3, 3))
     for name, shape in shapes.items():

@@ -35,6 +35,7 @@ from wdpm.kernels.constants import PI
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.elementary import atan2_of, sincos_of
 from wdpm.kernels.maths.random import PURPOSE_RECORD, hash_combine, sample_2d, stream_of
+from wdpm.kernels.maths.schlick import EVEN_SCHLICK
 from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -60,6 +61,7 @@ class Strata:
     side: wp.array[wp.float32]  # integral of cos(theta) over each row
     centre: wp.array[wp.vec2]  # (cos phi, sin phi) of each column's middle
     edge: wp.array[wp.vec2]  # (cos phi, sin phi) of each column's first edge
+    schlick: wp.array[wp.float32]  # mean of Schlick's weight over each row
 
 
 @wp.func
@@ -71,12 +73,21 @@ def _turn_to(sine2: wp.float64) -> wp.float64:
     return wp.float64(0.5) * (theta - sine * cosine)
 
 
+@wp.func
+def _schlick_to(cosine: wp.float64) -> wp.float64:
+    """Integral of (1 - c)^5 2 c over cosines c from 0."""
+    m = _ONE - cosine
+    m6 = m * m * m * m * m * m
+    return (_ONE - m6) / wp.float64(3.0) - wp.float64(2.0) * (_ONE - m6 * m) / wp.float64(7.0)
+
+
 @wp.kernel
 def _fill_rows(
     rows: wp.int32,
     turn_out: wp.array[wp.float32],
     wall_out: wp.array[wp.float32],
     side_out: wp.array[wp.float32],
+    schlick_out: wp.array[wp.float32],
 ) -> None:
     row = wp.tid()
     low = wp.float64(row) / wp.float64(rows)
@@ -84,6 +95,8 @@ def _fill_rows(
     turn_out[row] = wp.float32(_turn_to(high) - _turn_to(low))
     wall_out[row] = wp.float32((_ONE - low) * wp.sqrt(low))
     side_out[row] = wp.float32(wp.sqrt(high) - wp.sqrt(low))
+    above = _schlick_to(wp.sqrt(_ONE - low))
+    schlick_out[row] = wp.float32((above - _schlick_to(wp.sqrt(_ONE - high))) * wp.float64(rows))
 
 
 @wp.kernel
@@ -113,10 +126,11 @@ def make_strata(rows: int, columns: int, device: str = "cpu") -> Any:
         raise WdpmError(f"irradiance records: {rows} x {columns} strata, expected at least 1 row and 3 columns")
     strata = Strata()
     strata.rows, strata.columns = rows, columns
-    strata.turn, strata.wall, strata.side = (wp.empty(rows, dtype=wp.float32, device=device) for _ in range(3))
+    of_rows = [wp.empty(rows, dtype=wp.float32, device=device) for _ in range(4)]
+    strata.turn, strata.wall, strata.side, strata.schlick = of_rows
     strata.centre, strata.edge = (wp.empty(columns, dtype=wp.vec2, device=device) for _ in range(2))
     chord = wp.empty(1, dtype=wp.float32, device=device)
-    wp.launch(_fill_rows, rows, inputs=[rows, strata.turn, strata.wall, strata.side], device=device)
+    wp.launch(_fill_rows, rows, inputs=[rows, *of_rows], device=device)
     wp.launch(_fill_columns, columns, inputs=[columns, chord, strata.centre, strata.edge], device=device)
     strata.chord = float(chord.numpy()[0])
     return strata
@@ -238,6 +252,7 @@ class MadeRecords:
         rotation: row c is the derivative of channel c by the normal: E(n') = E + rotation (n' - n).
         translation: row c is that by the position: E(x') = E + translation (x' - x) [1 / scene units]. Both have
             nothing along the normal. Shortened where a channel would be used up within the radius.
+        grazing: how much the light grazes the surface, all channels together (kernels.maths.schlick).
         radius: [scene units].
         nearest: the least distance, without the outermost row; inf if nothing was met [scene units].
     """
@@ -245,6 +260,7 @@ class MadeRecords:
     irradiance: wp.array[wp.vec3]
     rotation: wp.array[wp.mat33]
     translation: wp.array[wp.mat33]
+    grazing: wp.array[wp.float32]
     radius: wp.array[wp.float32]
     nearest: wp.array[wp.float32]
 
@@ -276,6 +292,7 @@ def make_records(
     turn_y = wp.vec3d()
     shift_x = wp.vec3d()
     shift_y = wp.vec3d()
+    grazing = _ZERO
     shot = wp.int32(0)
     inverse = wp.float64(0.0)
     nearest = wp.float32(_INF)
@@ -283,6 +300,7 @@ def make_records(
         turn = wp.float64(strata.turn[row])
         wall = wp.float64(strata.wall[row] * strata.chord)
         side = wp.float64(strata.side[row])
+        schlick = wp.float64(strata.schlick[row])
         for column in range(columns):
             k = first + row * columns + column
             value = wp.vec3d(radiance[k])
@@ -293,6 +311,7 @@ def make_records(
                 if row + 1 < rows or rows == 1:
                     nearest = wp.min(nearest, d)
             total += value
+            grazing += schlick * (value[0] + value[1] + value[2])
             centre = strata.centre[column]
             out_x = wp.float64(centre[0])
             out_y = wp.float64(centre[1])
@@ -310,6 +329,9 @@ def make_records(
             shift_x -= step * wp.float64(edge[1])
             shift_y += step * wp.float64(edge[0])
     chord = wp.float64(strata.chord)
+    brightness = total[0] + total[1] + total[2]
+    if brightness > _ZERO:
+        grazing = grazing / brightness - wp.float64(EVEN_SCHLICK)
     total = total * (wp.float64(PI) / wp.float64(rows * columns))
     turn_x = turn_x * chord
     turn_y = turn_y * chord
@@ -333,5 +355,6 @@ def make_records(
     made_out.irradiance[i] = wp.vec3(total)
     made_out.rotation[i] = _in_world(turn_x, turn_y, normal)
     made_out.translation[i] = _in_world(shift_x, shift_y, normal)
+    made_out.grazing[i] = wp.float32(grazing)
     made_out.radius[i] = wp.float32(radius)
     made_out.nearest[i] = nearest

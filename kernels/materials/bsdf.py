@@ -3,8 +3,9 @@
 What each function takes and gives, here and in the module of each material (types.py has directions and modes):
 
 * `eval_diffuse(b, w_from, w_to) -> vec3`: diffuse part of the scattering function [1/sr], without the cosine.
-* `is_even(b) -> bool`: whether the diffuse part reflects nearly alike, wherever light comes from.
+* `is_even(b) -> bool`: whether irradiance, and how much it grazes, tell what the diffuse part reflects.
 * `reflectance(b, w_from) -> vec3`: what it reflects of light that arrives alike from all sides, over its radiance.
+* `grazing_gain(b, w_from) -> float`: by what share of that it reflects more for each unit by which light grazes more.
 * `eval_glossy(b, w_from, w_to, mode) -> vec3`: glossy part times |cos(w_to)|; deltas are left out.
 * `pdf_glossy(b, w_from, w_to) -> float`: pdf_solid_angle with which `sample_glossy` makes w_to; deltas are left out.
 * `sample_glossy(b, w_from, u_lobe, u, mode) -> BsdfSample`: a direction of the glossy part.
@@ -46,6 +47,7 @@ class BsdfCode:
     probability_diffuse: wp.Function
     is_even: wp.Function
     reflectance: wp.Function
+    grazing_gain: wp.Function
     eval_glossy: wp.Function
     pdf_glossy: wp.Function
     sample_glossy: wp.Function
@@ -116,6 +118,7 @@ def make_bsdf(features: Features) -> BsdfCode:
         probability_diffuse,
         diffuse.is_even,
         diffuse.reflectance,
+        diffuse.grazing_gain or _gain_none,
         eval_glossy,
         pdf_glossy,
         sample_glossy,
@@ -128,7 +131,7 @@ def make_bsdf(features: Features) -> BsdfCode:
 def _make_diffuse(features: Features) -> DiffusePart:
     """Functions of the diffuse part: each leaf's own, by kind."""
     has, evaluate, probability = _has_none, _eval_none, _probability_none
-    even, reflected = _has_none, _reflectance_none
+    even, reflected, gain = _has_none, _reflectance_none, _gain_none
     for leaf in reversed(leaves_of(features)):
         part = leaf.diffuse
         if part is not None:
@@ -137,6 +140,8 @@ def _make_diffuse(features: Features) -> DiffusePart:
             probability = _probability_of(leaf.kind, part.probability_diffuse, probability)
             even = _has_of(leaf.kind, part.is_even, even)
             reflected = _reflectance_of(leaf.kind, part.reflectance, reflected)
+            if part.grazing_gain is not None:
+                gain = _probability_of(leaf.kind, part.grazing_gain, gain)
 
     @wp.func
     def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
@@ -156,7 +161,13 @@ def _make_diffuse(features: Features) -> DiffusePart:
             return reflected(b, w_from)
         return wp.vec3(0.0)
 
-    return DiffusePart(has, eval_diffuse, probability_diffuse, even, reflectance)
+    @wp.func
+    def grazing_gain(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+        if w_from[2] > 0.0:
+            return gain(b, w_from)
+        return 0.0
+
+    return DiffusePart(has, eval_diffuse, probability_diffuse, even, reflectance, grazing_gain)
 
 
 def _make_glossy(features: Features) -> tuple[wp.Function, wp.Function, wp.Function]:
@@ -193,6 +204,11 @@ def _probability_none(b: Bsdf, w_from: wp.vec3) -> wp.float32:
 @wp.func
 def _reflectance_none(b: Bsdf, w_from: wp.vec3) -> wp.vec3:
     return wp.vec3(0.0)
+
+
+@wp.func
+def _gain_none(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+    return 0.0
 
 
 @wp.func

@@ -18,9 +18,11 @@ class DiffusePart:
         has_diffuse: `(b) -> bool`, whether a leaf of the kind has one.
         eval_diffuse: for directions in front of the surface; it is not asked about others.
         probability_diffuse: likewise for w_from.
-        is_even: `(b) -> bool`, whether it reflects nearly alike, wherever light comes from (LeafKind.even).
+        is_even: `(b) -> bool`, whether irradiance, and how much it grazes, tell what it reflects (LeafKind.even).
         reflectance: `(b, w_from) -> vec3`, what it reflects towards w_from, in front of the surface, of light that
             arrives alike from all sides, over the radiance of that.
+        grazing_gain: `(b, w_from) -> float`, by what share of this it reflects more for each unit by which light grazes
+            more than that (kernels.maths.schlick); None where it makes no difference.
     """
 
     has_diffuse: wp.Function
@@ -28,6 +30,7 @@ class DiffusePart:
     probability_diffuse: wp.Function
     is_even: wp.Function
     reflectance: wp.Function
+    grazing_gain: wp.Function | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ reflects back inside) and crosses it once more:
 
 What depends on the material only is computed when a scene is loaded (plastic_coat.py) and takes the place of
 what plastic has no use for: eta[1] is the internal reflectance, eta[2] the mean of T over diffuse light,
-(transmittance, k) are the coefficients c0 to c5 of a rough coat's T. Roughness is isotropic: alpha[0].
+(transmittance, k) are the coefficients c0 to c5 of a rough coat's T. Roughness is isotropic: alpha[0]. Of light that
+grazes the coat it lets less through, nearly in proportion to Schlick's weight: `grazing_gain`.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ _NONLINEAR = wp.constant(Plastic.KIND.slots["nonlinear"])
 _OUTER = wp.constant(material_coats.OUTER)
 _INNER = wp.constant(material_coats.INNER)
 _INTERNAL = wp.constant(material_coats.INTERNAL)
+_GRAZING = wp.constant(material_coats.GRAZING)
 
 
 @wp.func
@@ -89,8 +91,14 @@ def has_diffuse(b: Bsdf) -> bool:
 
 @wp.func
 def is_even(b: Bsdf) -> bool:
-    """Of light that grazes it, the coat lets little through."""
-    return False
+    """Where its coat is denser than what is around it: it lets through less of light that grazes it, at any angle."""
+    return b.eta[0] > 1.0
+
+
+@wp.func
+def grazing_gain(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+    """Below zero: what scene loading has found of the coat."""
+    return b.grazing_gain
 
 
 @cache
@@ -114,6 +122,7 @@ def make_plastic(features: Features) -> LeafCode:
         b.nonlinear = wp.int32(materials.value[node, _NONLINEAR][0])
         b.transmittance = materials.value[node, _OUTER]
         b.k = materials.value[node, _INNER]
+        b.grazing_gain = materials.value[node, _GRAZING][0]
         return b
 
     @wp.func
@@ -200,6 +209,6 @@ def make_plastic(features: Features) -> LeafCode:
     return LeafCode(
         int(PLASTIC),
         read,
-        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance),
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance, grazing_gain),
         GlossyPart(sample_glossy, eval_glossy, pdf_glossy),
     )

@@ -37,15 +37,16 @@ from wdpm.kernels.materials.nodes import Materials, make_parameters
 from wdpm.kernels.materials.principled_base import (
     brdf_share,
     eval_diffuse,
+    grazing_gain,
     has_diffuse,
     is_even,
     reflectance_of_base,
-    schlick_weight,
     tint,
 )
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import GGX, RADIANCE, Bsdf, BsdfSample
 from wdpm.kernels.maths.elementary import log_of, pow_of, sincos_of
+from wdpm.kernels.maths.schlick import schlick_weight
 from wdpm.scenes.model.bsdfs import Principled
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -399,6 +400,6 @@ def make_principled(features: Features) -> LeafCode:
     return LeafCode(
         int(PRINCIPLED),
         read,
-        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance_of_base),
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse, is_even, reflectance_of_base, grazing_gain),
         GlossyPart(sample_disney_glossy, eval_disney_glossy, pdf_disney_glossy),
     )

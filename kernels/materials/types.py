@@ -49,6 +49,7 @@ class Bsdf:
         alpha: roughness of the microfacet distribution along the tangents; (0, 0) is perfectly smooth.
         distribution: BECKMANN or GGX.
         nonlinear: PLASTIC: 1 where colour shifts by internal scattering are computed.
+        grazing_gain: PLASTIC: see materials.leaf.
         metallic ... clearcoat_gloss: PRINCIPLED, as Mitsuba 3 documents them; roughness is in `alpha`'s place there
             too (alpha = what the plugin derives from roughness and anisotropic).
         layered: PRINCIPLED: 1 where its diffuse part is glTF's, else Disney's.
@@ -63,6 +64,7 @@ class Bsdf:
     alpha: wp.vec2
     distribution: wp.int32
     nonlinear: wp.int32
+    grazing_gain: wp.float32
     roughness: wp.float32
     metallic: wp.float32
     spec_trans: wp.float32

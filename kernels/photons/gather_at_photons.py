@@ -16,16 +16,19 @@ import warp as wp
 
 from wdpm.kernels.constants import PI
 from wdpm.kernels.maths.elementary import expm1_of
+from wdpm.kernels.maths.exact_sum import exponent, magnitude_bits, quantise
+from wdpm.kernels.maths.schlick import EVEN_SCHLICK, schlick_weight
 from wdpm.kernels.photons.gather import (
     INT_SCRATCH,
     KEY_SCRATCH,
     contribution,
     estimate,
+    gather,
     key_place,
     nearest_or_within,
 )
 from wdpm.kernels.photons.gather_guess import follow
-from wdpm.kernels.photons.photon_map import PhotonMap
+from wdpm.kernels.photons.photon_map import LEAF_ROWS, PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -51,6 +54,38 @@ def self_last(photons: wp.ref[PhotonMap], rank: wp.int32, count: wp.int32, candi
     return others
 
 
+@wp.func
+def _mean_of_channels(flux: wp.vec3) -> wp.float32:
+    return flux[0] / 3.0 + flux[1] / 3.0 + flux[2] / 3.0
+
+
+@wp.func
+def grazing(photons: wp.ref[PhotonMap], candidates: wp.array[wp.uint64], count: wp.int32, n: wp.vec3) -> wp.float32:
+    """How much the light of the first `count` candidates grazes a surface: see schlick.py. 0 of no light.
+
+    Args:
+        n: unit normal of the surface, on the side that light arrives at.
+    """
+    largest = wp.int32(0)
+    for i in range(count):
+        largest = wp.max(largest, magnitude_bits(_mean_of_channels(photons.flux[key_place(candidates[i])])))
+    e = exponent(largest)
+    whole = wp.int64(0)
+    weighed = wp.int64(0)
+    for i in range(count):
+        place = key_place(candidates[i])
+        flux = _mean_of_channels(photons.flux[place])
+        row = LEAF_ROWS * (place >> 3)
+        c = place & 7
+        d = wp.vec3(photons.leaves[row + 6][c], photons.leaves[row + 7][c], photons.leaves[row + 8][c])
+        whole += quantise(flux, e)
+        weighed += quantise(flux * schlick_weight(wp.dot(n, d)), e)
+    result = wp.float32(0.0)
+    if whole > wp.int64(0):
+        result = wp.float32(wp.float64(weighed) / wp.float64(whole)) - EVEN_SCHLICK
+    return result
+
+
 @wp.kernel
 def gather_at_photons(
     photons: PhotonMap,
@@ -66,6 +101,7 @@ def gather_at_photons(
     run: wp.int32,
     irradiance_out: wp.array[wp.vec3],
     radius_out: wp.array[wp.float32],
+    grazing_out: wp.array[wp.float32],
 ) -> None:
     """Thread t gathers at photons (offset + t) * run .. + run - 1, one after another, as far as there are any.
 
@@ -79,6 +115,7 @@ def gather_at_photons(
         reach: how far from a place the site may lie that it reads [scene units].
         irradiance_out: on the plane of the normal, not divided by the number of paths.
         radius_out: how far the photons lie that were used, see gather.Gathered.
+        grazing_out: how much their light grazes the surface (schlick.py); empty where nobody asks.
     """
     candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
     ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
@@ -100,5 +137,42 @@ def gather_at_photons(
             irradiance += own * ((1.0 - excess_of_self(sites)) / (PI * found.area_radius2))
         irradiance_out[q] = irradiance
         radius_out[q] = found.radius
+        if q < grazing_out.shape[0]:
+            grazing_out[q] = grazing(photons, candidates, found.count, n)
+        guess = found.radius
+        before = x
+
+
+@wp.kernel
+def gather_at_places(
+    photons: PhotonMap,
+    position: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    k: wp.int32,
+    r_max: wp.float32,
+    r_least: wp.float32,
+    offset: wp.int32,
+    run: wp.int32,
+    irradiance_out: wp.array[wp.vec3],
+    radius_out: wp.array[wp.float32],
+    grazing_out: wp.array[wp.float32],
+) -> None:
+    """As gather_at_photons, of a map that they are not in."""
+    candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
+    ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
+    begin = (offset + wp.tid()) * run
+    end = wp.min(begin + run, position.shape[0])
+    guess = wp.float32(0.0)
+    before = wp.vec3(0.0)
+    for q in range(begin, end):
+        x = position[q]
+        n = normal[q]
+        if q > begin:
+            guess = follow(guess, wp.length(x - before))
+        found = gather(photons, x, n, n, k, r_max, r_least, guess, candidates, ints)
+        irradiance_out[q] = found.irradiance
+        radius_out[q] = found.radius
+        if q < grazing_out.shape[0]:
+            grazing_out[q] = grazing(photons, candidates, found.count, n)
         guess = found.radius
         before = x

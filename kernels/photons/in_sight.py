@@ -31,7 +31,7 @@ from wdpm.kernels.photons.gather import (
     nearest_or_within,
     select,
 )
-from wdpm.kernels.photons.gather_at_photons import excess_of_self, self_last
+from wdpm.kernels.photons.gather_at_photons import excess_of_self, grazing, self_last
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, POINT_ROWS, PhotonMap, first_child
 from wdpm.kernels.photons.surface_points import counted_radius, larger_than, passing, share_of_disc
 from wdpm.kernels.photons.walls import FEELERS
@@ -247,6 +247,7 @@ def gather_in_sight(
     radiance_out: wp.array[wp.vec3],
     radius_out: wp.array[wp.float32],
     hidden_out: wp.array[wp.bool],
+    grazing_out: wp.array[wp.float32],
 ) -> None:
     """Radiance that a white surface reflects at some photons of what they see, one thread each.
 
@@ -260,6 +261,7 @@ def gather_in_sight(
         radius: of the gathers that knew of no walls, of all of them.
         radiance_out, radius_out: where some surface is hidden, shape [S].
         hidden_out: whether it is; elsewhere what was gathered without knowing of walls is right, shape [S].
+        grazing_out: as of gather_at_photons, shape [S]; empty where nobody asks.
     """
     i = offset + wp.tid()
     candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
@@ -283,3 +285,5 @@ def gather_in_sight(
         counted = _count_in_sight(points, walls, view, front_normal[q], r * r, larger_than(r, found.radius), ints)
         radiance_out[i] = irradiance * (INV_PI * scale * share_of_disc(counted[1], r, point_area))
         radius_out[i] = found.radius
+        if i < grazing_out.shape[0]:
+            grazing_out[i] = grazing(photons, candidates, found.count, n)

@@ -13,7 +13,17 @@ import warp as wp
 
 from wdpm.kernels.camera.gather_glossy import make_gather_at
 from wdpm.kernels.camera.paths import Vertex
-from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_MAP, CACHED, TRACE_ON, Coats, Orders, Queries, Shaded
+from wdpm.kernels.camera.vertices import (
+    BY_FINAL_GATHER,
+    BY_MAP,
+    CACHED,
+    TRACE_ON,
+    Coats,
+    Orders,
+    Queries,
+    Shaded,
+    share_by_grazing,
+)
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance.arrivals import arrive
@@ -138,12 +148,14 @@ class Decision:
         by_photons: 1 where a gather ray ends, which is told by photons.
         by_length: 1 where irradiance at photons may be of longer paths than there are to be.
         radiance: what a white Lambertian surface reflects there, if the action is CACHED.
+        grazing: how much that light grazes the surface (kernels.maths.schlick).
     """
 
     action: wp.int32
     by_photons: wp.int32
     by_length: wp.int32
     radiance: wp.vec3
+    grazing: wp.float32
 
 
 @dataclass(frozen=True)
@@ -201,6 +213,7 @@ def decide(
                 decision.action = CACHED
                 decision.by_photons = 1
                 decision.radiance = arrival.value
+                decision.grazing = arrival.grazing
         # What records read was read by others before them, at most one of each round.
         too_long = max_depth > 0 and p.edges + known.rounds + known.longest > max_depth
         if decision.action == TRACE_ON and not too_long and may_be_cached(known, place):
@@ -208,6 +221,7 @@ def decide(
             if told.weight > 0.0 and told.weight >= known.wanted:
                 decision.action = CACHED
                 decision.radiance = told.irradiance * INV_PI
+                decision.grazing = told.grazing
         if decision.action == TRACE_ON:
             count(notes, UNREAD, 1 - near)
             count(notes, SHORT, near)
@@ -219,6 +233,7 @@ def decide(
             if told.weight > 0.0:
                 decision.action = CACHED
                 decision.radiance = told.irradiance * INV_PI
+                decision.grazing = told.grazing
                 count(notes, INTERPOLATED, 1)
             else:
                 count(notes, UNCOVERED, 1)
@@ -336,6 +351,7 @@ def make_indirect_light(features: Features) -> IndirectLight:
                     radiance = wp.cw_mul(scratch.queries.weight[0], decision.radiance)
                     if wp.static(features.coated):
                         radiance = wp.cw_mul(radiance, scratch.coats.reflectance[0])
+                        radiance = radiance * share_by_grazing(scratch.coats.grazing_gain[0], decision.grazing)
         if asks and known.global_map.there == 1 and wp.max(scratch.queries.weight[0]) > 0.0:
             radiance = reflected(
                 known.global_map,

@@ -17,6 +17,8 @@ INNER: Final = 7
 """Slot of c3, c4 and c5."""
 INTERNAL: Final = 8
 """Slot of the internal reflectance, of 1 where the coat has been computed, and of the mean transmittance."""
+GRAZING: Final = 9
+"""Slot of the grazing gain."""
 
 
 def with_coats(table: MaterialTable) -> MaterialTable:
@@ -31,4 +33,5 @@ def with_coats(table: MaterialTable) -> MaterialTable:
         value[row, OUTER] = found.coefficients[:3]
         value[row, INNER] = found.coefficients[3:]
         value[row, INTERNAL] = (found.internal_reflectance, 1.0, found.mean_transmittance)
+        value[row, GRAZING] = found.grazing_gain
     return replace(table, value=value)

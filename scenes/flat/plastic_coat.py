@@ -5,7 +5,8 @@ interface twice, and what the base scatters is partly reflected back by the inte
 
 * the transmittance T(mu) from outside, mu the cosine of the direction;
 * the internal reflectance: the share of diffuse light that the interface reflects back to the base;
-* the mean transmittance: the share of diffuse light from outside that gets to the base.
+* the mean transmittance: the share of diffuse light from outside that gets to the base;
+* the grazing gain: by what share of that more gets there for each unit by which light grazes more (it is less).
 
 For a smooth interface T is 1 - F(mu) by Fresnel's equations, and the internal reflectance is a published fit. For a
 rough one both are integrals over the visible normals of microfacets (Walter et al. 2007; masking is Smith's). They are
@@ -65,11 +66,14 @@ class Coat:
         coefficients: c0 to c5 of the transmittance; zeros for a smooth interface, whose transmittance is Fresnel's.
         internal_reflectance: share of diffuse light from inside that is reflected back inside, in [0, 1).
         mean_transmittance: share of diffuse light from outside that is let through, in (0, 1].
+        grazing_gain: slope of the line that fits T over Schlick's weight (1 - mu)^5 best, for diffuse light, over that
+            mean. Where the coat is denser than what is around it T is within 0.02 of that line at cosines above 0.1.
     """
 
     coefficients: tuple[float, float, float, float, float, float]
     internal_reflectance: float
     mean_transmittance: float
+    grazing_gain: float
 
 
 @functools.cache
@@ -84,20 +88,28 @@ def coat(eta: float, alpha: float, distribution: Distribution) -> Coat:
     dense = even * even if eta >= 1.0 else np.linspace(0.0, 1.0, 2 * _COSINES)  # where T bends: up to alpha, or at mu0
     if alpha == 0.0:
         through = 1.0 - _fresnel(np.maximum(dense, 1e-6), eta)[0]
-        return Coat((0.0,) * 6, diffuse_reflectance(1.0 / eta), _mean(through, dense))
+        return Coat((0.0,) * 6, diffuse_reflectance(1.0 / eta), _mean(through, dense), _gain(through, dense))
     alpha = max(alpha, ALPHA_LEAST)
     transmitted = rough_transmittance(eta, alpha, distribution, dense)
     reflected = rough_reflectance(1.0 / eta, alpha, distribution, even)
     # The mean over the nodes, not the integral (which is 1 to 2 % more): what Mitsuba does, and colours depend on it.
     internal = 2.0 * float(np.mean(reflected * even))
     c0, c1, c2, c3, c4, c5 = (float(c) for c in _fit(terms(dense, eta, alpha), transmitted, 0.1 if eta >= 1.0 else 1.0))
-    return Coat((c0, c1, c2, c3, c4, c5), internal, _mean(transmitted, dense))
+    return Coat((c0, c1, c2, c3, c4, c5), internal, _mean(transmitted, dense), _gain(transmitted, dense))
 
 
 def _mean(transmittance: Wide, mu: Wide) -> float:
     """Of diffuse light: weighted by the cosines mu, ascending from 0 to 1."""
     weighted = transmittance * mu
     return float(np.sum((weighted[1:] + weighted[:-1]) * np.diff(mu)))  # the trapezoidal rule, twice
+
+
+def _gain(transmittance: Wide, mu: Wide) -> float:
+    """By which a line rises with Schlick's weight that fits the transmittance of diffuse light best, over its mean."""
+    schlick = (1.0 - mu) ** 5
+    mean, among = _mean(transmittance, mu), _mean(schlick, mu)
+    slope = (_mean(transmittance * schlick, mu) - mean * among) / (_mean(schlick * schlick, mu) - among * among)
+    return slope / mean
 
 
 def diffuse_reflectance(eta: float) -> float:

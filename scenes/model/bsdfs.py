@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from typing import ClassVar
 
-from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order, never
+from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
 __all__ = [
@@ -207,7 +207,7 @@ class Plastic(Leaf):
         feature="plastic",
         gathers=lambda row: row.may_shine("diffuse_reflectance"),
         lambertian=False,
-        even=never,  # of light that grazes it a coat lets little through
+        even=lambda row: row.number("eta") > 1,  # else it reflects all light from beyond some angle
         rough=("alpha",),
     )
 

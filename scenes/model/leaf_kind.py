@@ -77,7 +77,7 @@ class LeafKind:
         feature: the field of kernels.features.Features with which its code is compiled; None for what always is.
         gathers: whether photons are stored on its front: it has a diffuse part that may be above black.
         lambertian: whether that part is alike in all directions.
-        even: whether it is nearly so: what it reflects can be told by irradiance, wherever the light comes from.
+        even: whether what it reflects can be told by irradiance and how much that grazes it (kernels.maths.schlick).
         glossy: whether it has a part that is traced on, not gathered.
         rough: parameters that are roughnesses of microfacets, without which only mirror directions are compiled.
         always_rough: whether it is a surface of microfacets whatever its parameters.

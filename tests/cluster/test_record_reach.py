@@ -27,6 +27,7 @@ def test_records_of_the_last_round_shorten_no_reach() -> None:
         np.tile(light[:, None], (1, 3)).astype(np.float32),
         np.zeros((6, 3, 3), np.float32),
         np.zeros((6, 3, 3), np.float32),
+        np.zeros(6, np.float32),
         np.ones(6, np.float32),
         np.zeros(6, np.float32),
     )
@@ -53,6 +54,7 @@ def test_records_are_read_further_than_they_were_placed_by_where_they_agree(ligh
         np.float32([[1, 1, 1], [light, light, light]]),
         none,
         none,
+        np.zeros(2, np.float32),
         np.ones(2, np.float32),
         np.zeros(2, np.float32),
     )

@@ -85,6 +85,7 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
     sample_all = functions.sample_all
     even = functions.is_even
     reflectance = functions.reflectance
+    grazing_gain = functions.grazing_gain
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def evaluate(
@@ -100,6 +101,7 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
         gathered_out: wp.array[wp.bool],
         even_out: wp.array[wp.bool],
         reflectance_out: wp.array[wp.vec3],
+        gain_out: wp.array[wp.float32],
     ):
         i = wp.tid()
         diffuse_out[i] = eval_diffuse(b, w_from[i], w_to[i])
@@ -110,6 +112,7 @@ def _kernels(features: Features) -> tuple[wp.Kernel, wp.Kernel]:
         gathered_out[i] = has_diffuse(b)
         even_out[i] = even(b)
         reflectance_out[i] = reflectance(b, w_from[i])
+        gain_out[i] = grazing_gain(b, w_from[i])
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def sample(
@@ -148,7 +151,7 @@ def _evaluate(b: Any, w_from: object, w_to: object, mode: int, features: Feature
     """What the kernel puts out, in its order."""
     count = max(np.size(w_from), np.size(w_to)) // 3
     vectors = [_array(w, wp.vec3, (count, 3)) for w in (w_from, w_to)]
-    kinds = (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.float32, wp.bool, wp.bool, wp.vec3)
+    kinds = (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.float32, wp.bool, wp.bool, wp.vec3, wp.float32)
     out = [wp.empty(count, dtype=kind, device="cpu") for kind in kinds]
     wp.launch(_kernels(features)[0], dim=count, inputs=[b, *vectors, mode], outputs=out, device="cpu")
     return [a.numpy() for a in out]
@@ -175,6 +178,12 @@ def reflectances(b: Any, w_from: object, features: Features = ALL) -> Floats:
     """reflectance for directions, shape [N, 3]."""
     reflected: Floats = _evaluate(b, w_from, direction(0.0), RADIANCE, features)[7]
     return reflected
+
+
+def grazing_gains(b: Any, w_from: object, features: Features = ALL) -> Floats:
+    """grazing_gain for directions, shape [N]."""
+    gained: Floats = _evaluate(b, w_from, direction(0.0), RADIANCE, features)[8]
+    return gained
 
 
 def sample(

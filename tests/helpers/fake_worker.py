@@ -264,7 +264,8 @@ def irradiance_records(count: int, first: int = 0) -> Records:
     gradient = np.zeros((count, 3, 3), np.float32)
     place = whole[:, None].astype(np.float32) * np.ones(3, np.float32)
     ones = np.ones(count, np.float32)
-    return Records(first + whole.astype(np.int64), place, flat, np.abs(place), gradient, gradient, ones, 0.1 * ones)
+    told = np.abs(place), gradient, gradient, 0.2 * ones, ones, 0.1 * ones
+    return Records(first + whole.astype(np.int64), place, flat, *told)
 
 
 def record_task(number: int, round_number: int, some: set[int], every: bool) -> RecordTask:

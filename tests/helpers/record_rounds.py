@@ -30,7 +30,7 @@ def made(task: RecordTask) -> RecordsMade:
     position = np.array([r.random(3) for r in rng], np.float32).reshape(-1, 3)
     radius = np.array([0.01 + r.random() for r in rng], np.float32)
     gradient = np.repeat(position[:, None, :], 3, axis=1)
-    records = Records(number, position, position, position, gradient, -gradient, radius, 0.1 * radius)
+    records = Records(number, position, position, position, gradient, -gradient, radius, radius, 0.1 * radius)
     return RecordsMade(task.number, task.round, records, math.prod(PLAN.strata(task.round)) * len(number))
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.camera.pixel_filter import is_signed, reach_of, sharpening
-from wdpm.scenes.model.bsdfs import Leaf, Principled, walk
+from wdpm.scenes.flat.material_table import MaterialTable
+from wdpm.scenes.model.bsdfs import Leaf, walk
 from wdpm.scenes.model.scene import Instance, Mesh, PixelFilter, Scene, Solid
 
 ROUND_SHARE = 1e-5
@@ -27,8 +28,8 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     for words, plan in (("indirect light", world.global_map), ("caustics", world.caustic_map)):
         if plan.paths:
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
-    if settings.final_gathers and _has_layers(scene):
-        lines.append("indirect light on diffuse parts under gloss: as if it came alike from all sides")
+    if settings.final_gathers and _has_layers(world.materials):
+        lines.append("indirect light on diffuse parts under gloss: by how much of it there is, and grazes them")
     if world.volume_map.paths:
         radius = world.volume_map.radius * world.unit
         lines.append(
@@ -46,10 +47,10 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     return tuple(lines)
 
 
-def _has_layers(scene: Scene) -> bool:
-    """Whether something reflects as glTF's and Blender's materials do."""
-    leaves = (leaf for material in scene.materials for leaf in walk(material.bsdf))
-    return any(isinstance(leaf, Principled) and leaf.layered for leaf in leaves)
+def _has_layers(table: MaterialTable) -> bool:
+    """Whether something has a diffuse part under gloss that irradiance tells of."""
+    leaves = (table.leaf(node) for node in range(len(table)))
+    return any(leaf is not None and not leaf[0].lambertian and leaf[0].even(leaf[1]) for leaf in leaves)
 
 
 def _of_pixel_filter(found: PixelFilter, spp: int) -> Iterator[str]:

@@ -21,7 +21,7 @@ from wdpm.images.image import Image
 from wdpm.rendering.array_file import BrokenArraysError, read_arrays, write_arrays
 from wdpm.scenes.errors import ImageError, ProtocolError, SettingsError
 
-FORMAT = 2
+FORMAT = 3
 """Of the file; grows with every change that older or newer code would not understand."""
 
 

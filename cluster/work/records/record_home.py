@@ -241,7 +241,7 @@ class RecordHome:
             bounds=bounds,
             made_out=made,
         )
-        of_kernel = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
+        of_kernel = columns.download(made, ("irradiance", "rotation", "translation", "grazing", "radius"))
         error = standard_errors(self._replica.launcher, self._strata, radiance, extra.counts)
         return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **of_kernel, error=error)
 

@@ -23,9 +23,10 @@ from wdpm.kernels.materials.microfacet import (
 )
 from wdpm.kernels.materials.nodes import Materials, make_parameters
 from wdpm.kernels.materials.principled import principled_alpha, schlick
-from wdpm.kernels.materials.principled_base import schlick_weight, tint
+from wdpm.kernels.materials.principled_base import tint
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import GGX, Bsdf, BsdfSample
+from wdpm.kernels.maths.schlick import schlick_weight
 from wdpm.scenes.model.bsdfs import RoughPane
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -160,4 +160,4 @@ def test_records_of_candidates_that_were_not_asked_for_are_refused() -> None:
 def record(candidate: int) -> Records:
     number = np.array([(0 << ROUND_BITS) + candidate], np.int64)
     row, rows = np.ones((1, 3), np.float32), np.ones((1, 3, 3), np.float32)
-    return Records(number, row, row, row, rows, rows, np.ones(1, np.float32), np.zeros(1, np.float32))
+    return Records(number, row, row, row, rows, rows, *np.ones((2, 1), np.float32), np.zeros(1, np.float32))

@@ -39,7 +39,7 @@ from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Plastic, ThinDielectric
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Plastic, Principled, ThinDielectric
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import FilterKind, Material, PixelFilter, Scene
 
@@ -294,8 +294,8 @@ def test_bulbs_are_for_paths_where_nothing_mirrors_them() -> None:
 def test_one_pilot_serves_the_trial_and_the_render(indirect: Indirect) -> None:
     """Its photons are as good for other ways to look at them: neither they nor the trees of the scene are made anew."""
     scene, launcher = cornell_box((64, 64)), Launcher("cpu", 1)
-    scene = coated(scene) if indirect is Indirect.MAP else scene
-    found = settled(scene, spp=16)
+    scene = of_disneys(scene) if indirect is Indirect.MAP else scene
+    found = settled(scene, spp=4 if indirect is Indirect.MAP else 16)
     assert found.settings.integrator is Integrator.PHOTONS
     assert found.settings.indirect is indirect
     flat = flatten(scene)
@@ -381,16 +381,16 @@ def test_caustics_that_are_faint_beside_the_samples_have_fewer_photons_for_littl
     assert (photons_of_worth(32, Indirect.CACHE, 0.1, of_caustics)[1] < RenderSettings.caustic_photons) == fewer
 
 
-def coated(scene: Scene) -> Scene:
-    """The same with a coat on all that reflects."""
-    coat = Plastic((0.6, 0.6, 0.6))
-    return replace(scene, materials=tuple(Material(each.name, coat) for each in scene.materials))
+def of_disneys(scene: Scene) -> Scene:
+    """The same, all of Disney's material."""
+    material = Principled((0.6, 0.6, 0.6), clearcoat=1.0, clearcoat_gloss=1.0)
+    return replace(scene, materials=tuple(Material(each.name, material) for each in scene.materials))
 
 
-def test_records_do_not_serve_coats() -> None:
-    found = settled(coated(cornell_box((64, 64))), spp=16)
+def test_records_do_not_serve_disneys_base() -> None:
+    found = settled(of_disneys(cornell_box((64, 64))), spp=4)
     assert found.settings.indirect is Indirect.MAP
-    assert "indirect light: map, since 100% of what is seen has a coat or sheen" in found.chose
+    assert "indirect light: map, since 100% of what is seen has bumps, sheen or Disney's base" in found.chose
 
 
 def test_records_are_made_where_hardly_a_photon_comes_to_what_is_seen() -> None:

@@ -23,7 +23,7 @@ from wdpm.scenes import cornell_box
 SCENE = cornell_box((16, 16))
 
 
-ACTIONS = ("codes", "by_photons", "by_length", "radiance", "length")
+ACTIONS = ("codes", "by_photons", "by_length", "radiance", "grazing", "length")
 
 
 def undecided(gather: FinalGather, places: Any, arrays: Arrays) -> Actions:
@@ -34,6 +34,7 @@ def undecided(gather: FinalGather, places: Any, arrays: Arrays) -> Actions:
         np.zeros(count, np.bool_),
         gather._is_too_long(arrays, 0),
         np.zeros((count, 3), np.float32),
+        np.zeros(count, np.float32),
         places.length.numpy(),
     )
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.gather_at_photons import gather_at_photons
+from wdpm.kernels.photons.gather_at_photons import gather_at_photons, gather_at_places
 
 ERRORS = 5.0
 RADIUS = 1.0
@@ -44,17 +44,17 @@ def read_on_a_plane(
         gather_at_photons,
         len(rows),
         inputs=[tree, *sites, *search],
-        outputs=[irradiance, radius],
+        outputs=[irradiance, radius, wp.empty(0, dtype=wp.float32)],
     )
     room = np.full(len(rows), reach)
-    points = at_photons.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), room, ids[rows])
+    points = at_photons.build(position[rows], irradiance.numpy(), room, up[rows], radius.numpy(), room, ids[rows])
 
     queries = 1 << 14
     x = wp.array(np.column_stack([rng.uniform(0, side, (queries, 2)), np.zeros(queries)]), dtype=wp.vec3)
     n = wp.array(np.broadcast_to([0.0, 0.0, 1.0], (queries, 3)), dtype=wp.vec3)
-    outputs = [wp.empty(queries, dtype=t) for t in (wp.vec3, wp.float32, wp.bool)]
+    outputs = [wp.empty(queries, dtype=t) for t in (wp.vec3, wp.float32, wp.float32, wp.bool)]
     wp.launch(at_photons.read_irradiance, queries, inputs=[points, x, n, reach, 0], outputs=outputs)
-    found = outputs[2].numpy()
+    found = outputs[3].numpy()
     return float(outputs[0].numpy()[found, 0].sum()), int(found.sum())
 
 
@@ -87,3 +87,28 @@ def assert_unbiased(runs: NDArray[np.float64], density: float) -> None:
     error = means.std(ddof=1) / math.sqrt(len(means))
     assert error < 0.02 * density
     assert abs(mean - density) < ERRORS * error
+
+
+def test_gathers_tell_how_much_light_grazes() -> None:
+    """Photons that come from one cosine each; as many, of other directions, lie too far away."""
+    rng, count = np.random.default_rng(9), 40
+    cosine = rng.uniform(0.05, 1.0, 2 * count)
+    flux = rng.uniform(0.1, 2.0, (2 * count, 3))
+    position = np.column_stack([rng.uniform(-0.2, 0.2, (2 * count, 2)), np.zeros(2 * count)])
+    position[count:, 0] += 3.0
+    sine, turn = np.sqrt(1.0 - cosine**2), rng.uniform(0.0, 2.0 * np.pi, 2 * count)
+    direction = np.column_stack([sine * np.cos(turn), sine * np.sin(turn), cosine])
+    up = np.broadcast_to([0.0, 0.0, 1.0], (2 * count, 3)).astype(np.float32)
+    power, weight = flux[:count].sum(axis=1), (1.0 - cosine[:count]) ** 5
+    expected = (power @ weight) / power.sum() - 1.0 / 21.0
+    at = [wp.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]], dtype=wp.vec3), wp.array(up[:2], dtype=wp.vec3)]
+    told = []
+    for order in (np.arange(2 * count), rng.permutation(2 * count)):
+        photons = (a[order] for a in (position, flux, up, direction))
+        tree = photon_map.build(*photons, np.arange(2 * count)[order])
+        out = [wp.empty(2, dtype=t) for t in (wp.vec3, wp.float32, wp.float32)]
+        wp.launch(gather_at_places, 2, inputs=[tree, *at, 100, RADIUS, 0.0, 0, 1], outputs=out)
+        told.append(out[2].numpy())
+    assert told[0].tobytes() == told[1].tobytes()
+    assert told[0][0] == pytest.approx(expected, rel=1e-5)
+    assert told[0][1] == 0.0

@@ -39,6 +39,7 @@ def records(seed: int, count: int, size: float = 0.1, bent: float = 0.1) -> Reco
         "irradiance": rng.uniform(0, 1, (count, 3)) ** 4,
         "rotation": rng.normal(size=(count, 3, 3)),
         "translation": rng.normal(size=(count, 3, 3)),
+        "grazing": rng.uniform(-0.05, 0.5, count),
     }
     return {name: value if name == "number" else value.astype(np.float32) for name, value in out.items()}
 
@@ -51,7 +52,13 @@ def queries(seed: int, count: int, bent: float = 0.1) -> tuple[NDArray[np.float3
 
 def read(made: Records, position: Array, normal: Array) -> tuple[NDArray[np.float32], ...]:
     """Irradiance, weight and count."""
-    out = [wp.empty(len(position), dtype=t, device="cpu") for t in (wp.vec3, wp.float32, wp.int32)]
+    irradiance, _, weight, count = read_all(made, position, normal)
+    return irradiance, weight, count
+
+
+def read_all(made: Records, position: Array, normal: Array) -> tuple[NDArray[np.float32], ...]:
+    """Irradiance, how much it grazes, weight and count."""
+    out = [wp.empty(len(position), dtype=t, device="cpu") for t in (wp.vec3, wp.float32, wp.float32, wp.int32)]
     at = [wp.array(np.ascontiguousarray(v, np.float32), dtype=wp.vec3, device="cpu") for v in (position, normal)]
     wp.launch(interpolate, len(position), inputs=[build(made), *at, 0, *out], device="cpu")
     return tuple(o.numpy() for o in out)
@@ -84,6 +91,19 @@ def expected(made: Records, position: Array, normal: Array) -> tuple[Array, Arra
         slope = np.einsum("ij,jab->iab", shares, made[name].astype(np.float64))
         plane += np.einsum("iab,ib->ia", slope, np.einsum("ij,ijb->ib", shares, way))
     return (tangents + np.maximum(plane, 0.0)) / 2, weight
+
+
+def test_how_much_light_grazes_is_the_weighted_mean_of_records() -> None:
+    made = records(3, 60, 0.1)
+    position, normal = queries(3, 200)
+    _, grazing, weight, _ = read_all(made, position, normal)
+    w = np.maximum(reaches(made, position, normal), 0.0) ** 2
+    there = w.sum(axis=1) > 1e-3
+    assert there.sum() > 50
+    np.testing.assert_allclose(
+        grazing[there], (w[there] @ made["grazing"]) / w[there].sum(axis=1), rtol=1e-4, atol=1e-5
+    )
+    assert (grazing[weight == 0] == 0).all()
 
 
 @settings(max_examples=25)
@@ -132,6 +152,7 @@ def test_light_that_bends_is_neither_too_bright_nor_too_dark() -> None:
     position = np.column_stack([at, np.zeros(count)])
     made = {"number": np.arange(count), "position": position, "normal": np.tile(UP, (count, 1))}
     made |= {"radius": np.full(count, 0.12), "irradiance": light, "rotation": 0 * slope, "translation": slope}
+    made["grazing"] = np.zeros(count)
     made = {name: value if name == "number" else value.astype(np.float32) for name, value in made.items()}
     places = np.random.default_rng(5).uniform(0.15, 0.85, (1000, 2))
     irradiance, _, _ = read(made, np.column_stack([places, np.zeros(1000)]), np.tile(UP, (1000, 1)))
@@ -197,6 +218,7 @@ def test_records_fade_without_a_step() -> None:
 def test_what_faces_away_or_lies_off_the_plane_is_left_out() -> None:
     one = {"number": np.array([7]), "position": np.zeros((1, 3)), "normal": UP[None], "radius": np.ones(1)}
     one |= {"irradiance": np.ones((1, 3)), "rotation": np.zeros((1, 3, 3)), "translation": np.zeros((1, 3, 3))}
+    one["grazing"] = np.zeros(1)
     places = np.array([[0.1, 0, 0], [0.1, 0, 0], [0.1, 0, 0], [0, 0, 0.13], [0, 0, -0.13], [0, 0, 0.1]])
     normals = unit(np.array([[0, 0, 1.0], [0, 0, -1], [0.2, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 1]]))
     np.testing.assert_array_equal(read(one, places, normals)[2], [1, 0, 0, 0, 0, 1])

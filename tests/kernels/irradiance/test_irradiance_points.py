@@ -27,6 +27,7 @@ FREE = 1e9
 class Points:
     position: Array
     value: Array
+    grazing: Array
     normal: Array
     radius: Array
     id: Array
@@ -41,12 +42,14 @@ class Points:
 @dataclass
 class Answers:
     value: Array
+    grazing: Array
     radius: Array
     found: Array
 
     def assert_same_bits(self, other: Answers) -> None:
         np.testing.assert_array_equal(self.found, other.found)
         np.testing.assert_array_equal(self.value.view(np.uint32), other.value.view(np.uint32))
+        np.testing.assert_array_equal(self.grazing.view(np.uint32), other.grazing.view(np.uint32))
         np.testing.assert_array_equal(self.radius.view(np.uint32), other.radius.view(np.uint32))
 
 
@@ -55,9 +58,9 @@ def read(points: Any, x: Array, n: Array, reach: float, chunk: int = 1 << 30) ->
     count = len(x)
     inputs = [wp.array(column, dtype=wp.vec3, device="cpu") for column in (x, n)]
     value = wp.full(count, wp.vec3(7.0), dtype=wp.vec3, device="cpu")
-    radius = wp.full(count, 7.0, dtype=wp.float32, device="cpu")
+    grazing, radius = (wp.full(count, 7.0, dtype=wp.float32, device="cpu") for _ in range(2))
     found = wp.full(count, True, dtype=wp.bool, device="cpu")
-    outputs = [value, radius, found]
+    outputs = [value, grazing, radius, found]
     for offset in reversed(range(0, count, chunk)):
         dim = min(chunk, count - offset)
         arguments = [points, *inputs, reach, offset, *outputs]
@@ -66,7 +69,7 @@ def read(points: Any, x: Array, n: Array, reach: float, chunk: int = 1 << 30) ->
 
 
 def brute_force(points: Points, x: Array, n: Array, reach: float) -> Answers:
-    answers = Answers(np.zeros((len(x), 3), F32), np.zeros(len(x), F32), np.zeros(len(x), bool))
+    answers = Answers(np.zeros((len(x), 3), F32), *np.zeros((2, len(x)), F32), np.zeros(len(x), bool))
     for q in range(len(x)):
         d = points.position - x[q]
         height = dot(d, n[q])
@@ -76,6 +79,7 @@ def brute_force(points: Points, x: Array, n: Array, reach: float) -> Answers:
         if len(rows):
             best = rows[np.lexsort((points.id[rows], distance2[rows]))[0]]
             answers.value[q], answers.radius[q] = points.value[best], points.radius[best]
+            answers.grazing[q] = points.grazing[best]
             answers.found[q] = True
     return answers
 
@@ -88,7 +92,8 @@ def make_case(seed: int, kind: str, count: int, query_count: int = 40) -> tuple[
     ids = make_ids(rng, count)
     # Each point has another value, so that the value tells which was found.
     value = np.stack([np.arange(count), ids % 1009, np.ones(count)], axis=1).astype(F32)
-    points = Points(position, value, normal, 1 + rng.random(count).astype(F32), ids)
+    grazing, radius = rng.random(count).astype(F32), 1 + rng.random(count).astype(F32)
+    points = Points(position, value, grazing, normal, radius, ids)
     x = make_queries(rng, kind, position, query_count)
     return points, x, AXES[rng.choice([2, 2, 5, 1], query_count)]
 
@@ -133,7 +138,7 @@ def read_one(position: list[list[float]], normal: list[list[float]], ids: list[i
     count = len(ids)
     value = np.arange(count, dtype=F32)[:, None] * np.ones((1, 3), F32)
     radius = np.full(count, 0.5, F32)
-    places = np.array(position).reshape(-1, 3), value, np.array(normal).reshape(-1, 3)
+    places = np.array(position).reshape(-1, 3), value, radius, np.array(normal).reshape(-1, 3)
     tree = at_photons.build(*places, radius, np.full(count, FREE, F32), np.array(ids, np.int64))
     return read(tree, np.zeros((1, 3), F32), AXES[2:3], reach)
 
@@ -205,8 +210,10 @@ def test_a_share_out_of_range_is_an_error(share: float) -> None:
 def test_bad_points_are_errors() -> None:
     ones = np.ones((3, 3), F32)
     with pytest.raises(WdpmError, match="photon id 5 comes twice"):
-        at_photons.build(ones, ones, ones, np.ones(3), np.ones(3), np.array([5, 5, 6]))
+        at_photons.build(ones, ones, np.ones(3), ones, np.ones(3), np.ones(3), np.array([5, 5, 6]))
     with pytest.raises(WdpmError, match=r"shape \(2, 3\), expected \(3, 3\)"):
-        at_photons.build(ones, ones, ones, np.ones(2), np.ones(2), np.array([4, 5, 6]))
+        at_photons.build(ones, ones, np.ones(2), ones, np.ones(2), np.ones(2), np.array([4, 5, 6]))
     with pytest.raises(WdpmError, match=r"room of shape \(2,\) beside radii of shape \(3,\)"):
-        at_photons.build(ones, ones, ones, np.ones(3), np.ones(2), np.array([4, 5, 6]))
+        at_photons.build(ones, ones, np.ones(3), ones, np.ones(3), np.ones(2), np.array([4, 5, 6]))
+    with pytest.raises(WdpmError, match=r"grazing of shape \(2,\) beside radii of shape \(3,\)"):
+        at_photons.build(ones, ones, np.ones(2), ones, np.ones(3), np.ones(3), np.array([4, 5, 6]))

@@ -218,9 +218,9 @@ def test_derivatives_make_interpolation_better(rectangle: Rectangle) -> None:
     true = rectangle.irradiance(at, up)
 
     def error(records: Records) -> float:
-        out = [wp.empty(2000, dtype=t, device="cpu") for t in (wp.vec3, wp.float32, wp.int32)]
+        out = [wp.empty(2000, dtype=t, device="cpu") for t in (wp.vec3, wp.float32, wp.float32, wp.int32)]
         wp.launch(interpolate, 2000, inputs=[build(records), vectors(at), vectors(up), 0, *out], device="cpu")
-        covered = out[1].numpy() > 0
+        covered = out[2].numpy() > 0
         assert covered.mean() > 0.9
         return float(np.sqrt(np.mean((out[0].numpy()[covered, 0] / true[covered] - 1) ** 2)))
 
@@ -307,3 +307,21 @@ def test_a_record_does_not_depend_on_its_company_or_unit() -> None:
 def test_too_few_strata_are_an_error(rows: int, columns: int) -> None:
     with pytest.raises(WdpmError, match="expected at least 1 row and 3 columns"):
         make_strata(rows, columns)
+
+
+def test_records_know_how_much_their_light_grazes() -> None:
+    """Of even light none more than that; of a ring of light as much as Schlick's weight there."""
+    rows, columns = 40, 60
+    strata, up = make_strata(rows, columns), UP[None]
+    far = np.full((1, rows * columns), 10.0)
+    even = make(strata, gray(np.ones((1, rows * columns))), far, up)
+    assert even["grazing"][0] == pytest.approx(0.0, abs=1e-6)
+    dark = make(strata, gray(np.zeros((1, rows * columns))), far, up)
+    assert dark["grazing"][0] == 0.0
+    for row in (0, 20, 35, 39):
+        ring = np.zeros((1, rows, columns))
+        ring[:, row] = 3.0
+        cosine = np.sqrt(1.0 - (row + (np.arange(200) + 0.5) / 200) / rows)
+        made = make(strata, gray(ring.reshape(1, -1)), far, up)
+        expected = np.mean((1.0 - cosine) ** 5) - 1.0 / 21.0
+        assert made["grazing"][0] == pytest.approx(expected, abs=1e-4)

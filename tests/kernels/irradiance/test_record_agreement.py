@@ -39,6 +39,7 @@ def records_of(x: Floats, value: Floats, slope: Floats, radius: float = RADIUS) 
         "irradiance": np.tile(value[:, None], (1, 3)).astype(np.float32),
         "rotation": np.zeros((count, 3, 3), np.float32),
         "translation": translation,
+        "grazing": np.zeros(count, np.float32),
     }
 
 
@@ -47,9 +48,9 @@ def error_between(records: Records, radius: NDArray[np.float32]) -> float:
     x = np.linspace(0.05, 0.95, 400)
     place = wp.array(np.stack([x, 0 * x, 0 * x], axis=1), dtype=wp.vec3, device="cpu")
     normal = wp.full(len(x), wp.vec3(0.0, 0.0, 1.0), dtype=wp.vec3, device="cpu")
-    out = [wp.empty(len(x), dtype=kind, device="cpu") for kind in (wp.vec3, wp.float32, wp.int32)]
+    out = [wp.empty(len(x), dtype=kind, device="cpu") for kind in (wp.vec3, wp.float32, wp.float32, wp.int32)]
     wp.launch(interpolate, len(x), inputs=[build({**records, "radius": radius}), place, normal, 0, *out], device="cpu")
-    assert out[1].numpy().min() > 0
+    assert out[2].numpy().min() > 0
     return float(np.abs(out[0].numpy()[:, 0] / bent(x)[0] - 1.0).max())
 
 

@@ -26,6 +26,7 @@ def records(x: NDArray[Any], light: NDArray[Any], slope: NDArray[Any], error: fl
         "irradiance": np.tile(light[:, None], (1, 3)).astype(np.float32),
         "rotation": np.zeros((count, 3, 3), np.float32),
         "translation": translation,
+        "grazing": np.zeros(count, np.float32),
         "radius": np.full(count, radius, np.float32),
         "error": np.full(count, error, np.float32),
     }

@@ -28,6 +28,7 @@ def records() -> dict[str, NDArray[Any]]:
         "irradiance": rng.uniform(0.5, 1.0, (COUNT, 3)).astype(np.float32),
         "rotation": rng.normal(0.0, 0.1, (COUNT, 3, 3)).astype(np.float32),
         "translation": rng.normal(0.0, 1.0, (COUNT, 3, 3)).astype(np.float32),
+        "grazing": rng.uniform(0.0, 0.5, COUNT).astype(np.float32),
         "error": rng.uniform(0.01, 0.2, COUNT).astype(np.float32),
     }
 

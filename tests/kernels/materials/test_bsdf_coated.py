@@ -87,6 +87,7 @@ def plastic(eta: float, alpha: float = 0.0, distribution: int = BECKMANN, color:
         distribution=distribution,
         transmittance=c.coefficients[:3],
         k=c.coefficients[3:],
+        grazing_gain=c.grazing_gain,
         **values,
     )
 

@@ -1,4 +1,4 @@
-"""What diffuse parts reflect of light that comes alike from all sides, against their scattering functions, summed."""
+"""What diffuse parts reflect by irradiance and how much it grazes them, against their scattering functions, summed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bsdf_testing import Wide, direction, evaluate, is_even, material, reflectances
+from bsdf_testing import Wide, direction, evaluate, grazing_gains, is_even, material, reflectances
 from test_bsdf_coated import PLASTICS, PRINCIPLES, plastic, principled
 
 from wdpm.kernels.materials.types import DIFFUSE
@@ -18,14 +18,19 @@ PLAIN = [name for name, values in PRINCIPLES.items() if not values.get("sheen") 
 def summed(b: Any, cosine: float) -> Wide:
     """The diffuse part times the cosine, over all directions that light comes from, shape [3]."""
     nodes, weights = np.polynomial.legendre.leggauss(48)
-    mu, phi = (nodes + 1.0) / 2.0, (np.arange(128) + 0.5) * (2.0 * np.pi / 128)
-    sine = np.sqrt(1.0 - mu * mu)
+    mu = (nodes + 1.0) / 2.0
+    return np.asarray((weights * mu) @ by_rings(b, cosine, mu))
+
+
+def by_rings(b: Any, cosine: float, mu: Wide) -> Wide:
+    """The same of light at one cosine of mu and all azimuths alike, that brings irradiance pi, shape [mu, 3]."""
+    phi, sine = (np.arange(128) + 0.5) * (2.0 * np.pi / 128), np.sqrt(1.0 - mu * mu)
     w_to = np.stack(
         [np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi)), np.outer(mu, np.ones_like(phi))], axis=-1
     )
     w_from = direction(float(np.degrees(np.arccos(cosine))))
     value = evaluate(b, w_from, w_to.reshape(-1, 3)).diffuse.astype(np.float64).reshape(len(mu), len(phi), 3)
-    return np.asarray(np.einsum("i,ijc->c", weights / 2.0 * mu, value) * (2.0 * np.pi / 128))
+    return np.asarray(value.mean(axis=1) * np.pi)
 
 
 def told(b: Any, cosine: float) -> Wide:
@@ -65,17 +70,49 @@ def test_of_a_lambertian_surface_it_is_the_albedo() -> None:
     np.testing.assert_array_equal(reflectances(b, direction(60.0))[0], np.float32([0.7, 0.4, 0.1]))
     assert is_even(b)
 
+    assert grazing_gains(b, direction(60.0))[0] == 0.0
 
-def test_irradiance_tells_of_a_lambertian_base_under_gloss_alone() -> None:
-    """Disney's base is 1 to 2 % off in the Cornell box, cloth more where light comes from behind it."""
+
+RINGS = np.array([0.15, 0.3, 0.5, 0.75, 1.0])
+
+
+def told_of_rings(b: Any, cosine: float) -> Wide:
+    """What is told of light as of by_rings, by how much it grazes."""
+    grazing = (1.0 - RINGS) ** 5 - 1.0 / 21.0
+    gain = float(grazing_gains(b, direction(float(np.degrees(np.arccos(cosine)))))[0])
+    return np.asarray(told(b, cosine) * (1.0 + gain * grazing)[:, None])
+
+
+@pytest.mark.parametrize("cosine", [0.25, 0.5, 0.75, 1.0])
+@pytest.mark.parametrize("name", [name for name, values in PLASTICS.items() if values["eta"] > 1.0])
+def test_of_plastic_by_light_at_one_angle(name: str, cosine: float) -> None:
+    """As if it came alike from all sides it would be up to six tenths off."""
+    b = plastic(**PLASTICS[name])
+    rings = by_rings(b, cosine, RINGS)
+    off = np.abs(told_of_rings(b, cosine) / rings - 1.0).max()
+    assert off < 0.06
+    assert off < 0.6 * np.abs(told(b, cosine) / rings - 1.0).max()
+
+
+@pytest.mark.parametrize("cosine", [0.25, 0.5, 0.75, 1.0])
+@pytest.mark.parametrize("eta", [1.3, 1.5, 1.8])
+def test_of_a_layered_base_by_light_at_one_angle(eta: float, cosine: float) -> None:
+    """As if it came alike from all sides it would be up to a tenth off."""
+    b = principled(layered=1.0, eta=eta)
+    rings = by_rings(b, cosine, RINGS)
+    np.testing.assert_allclose(told_of_rings(b, cosine), rings, rtol=0.025)
+
+
+def test_what_irradiance_and_how_much_it_grazes_tell_of() -> None:
+    """Not of cloth, which shines against the light, nor of Disney's base, which sends light back: they need directions.
+
+    Nor of a coat that totally reflects light from beyond some angle.
+    """
     assert is_even(principled(layered=1.0, roughness=0.8))
     assert not is_even(principled(layered=0.0, roughness=0.8))
     assert not is_even(principled(layered=1.0, sheen=0.5))
-
-
-def test_nor_is_what_a_coat_lets_through() -> None:
-    """A hall whose only light comes from low down would be half as bright again."""
-    assert not any(is_even(plastic(**values)) for values in PLASTICS.values())
+    for values in PLASTICS.values():
+        assert is_even(plastic(**values)) == (values["eta"] > 1.0)
 
 
 def test_nothing_is_reflected_behind() -> None:

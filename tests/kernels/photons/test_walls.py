@@ -126,7 +126,8 @@ def gathered(at: Array, seeds: int, end: float = 1.0) -> tuple[Array, NDArray[np
         search = [K, RADIUS, 2.5 * step, step**2, 1.0, REACH, np.pi, 0]
         outputs = [wp.empty(count, dtype=kind) for kind in (wp.vec3, wp.float32, wp.bool)]
         inputs = [wp.array(walls.reshape(-1, 3), dtype=wp.vec3), tree, surface, *places, *search]
-        wp.launch(gather_in_sight, count, inputs=inputs, outputs=outputs, device="cpu")
+        no_grazing = wp.empty(0, dtype=wp.float32)
+        wp.launch(gather_in_sight, count, inputs=inputs, outputs=[*outputs, no_grazing], device="cpu")
         hidden = outputs[2].numpy()
         assert (outputs[1].numpy()[hidden] <= np.float32(RADIUS)).all()
         told.append(outputs[0].numpy()[:, 0].astype(np.float64))
@@ -155,9 +156,9 @@ def test_what_may_lie_behind_a_wall_is_not_read() -> None:
     at = np.array([[-0.01, 0.0, 0.0], [-0.5, 0.0, 0.0]])
     room, _ = felt(across(), at)
     up = np.broadcast_to(UP, at.shape)
-    points = at_photons.build(at, np.ones((2, 3)), up, np.full(2, RADIUS), room, np.arange(2))
+    points = at_photons.build(at, np.ones((2, 3)), np.zeros(2), up, np.full(2, RADIUS), room, np.arange(2))
     x = np.array([[0.01, 0.0, 0.0], [-0.015, 0.0, 0.0], [-0.45, 0.0, 0.0]])
     inputs = [points, *(wp.array(a, dtype=wp.vec3) for a in (x, np.broadcast_to(UP, x.shape))), REACH, 0]
-    outputs = [wp.empty(3, dtype=kind) for kind in (wp.vec3, wp.float32, wp.bool)]
+    outputs = [wp.empty(3, dtype=kind) for kind in (wp.vec3, wp.float32, wp.float32, wp.bool)]
     wp.launch(at_photons.read_irradiance, 3, inputs=inputs, outputs=outputs, device="cpu")
-    assert outputs[2].numpy().tolist() == [False, True, True]
+    assert outputs[3].numpy().tolist() == [False, True, True]
