@@ -71,7 +71,10 @@ def make_query(features: Features) -> wp.Function:
                 coats_out.t[i] = s.t
                 coats_out.n[i] = s.n
                 coats_out.w_from[i] = w_from
-                coats_out.even[i] = is_even(s.bsdf)
+                even = is_even(s.bsdf)
+                if wp.static(features.bent):  # irradiance is that of the surface as it is, not as it seems
+                    even = even and s.bumps2 <= 0.0
+                coats_out.even[i] = even
                 coats_out.reflectance[i] = wp.vec3(1.0)
                 coats_out.grazing_gain[i] = 0.0
                 if s.bsdf.kind != DIFFUSE:
