@@ -89,6 +89,19 @@ class SeenPlaces:
         even = np.concatenate([found["even"] for found in self._found])
         return float(even.mean()) if len(even) else 1.0
 
+    def uneven(self, shape: tuple[int, int]) -> Values:
+        """Of what each pixel reflects diffusely, the part that records do not serve; 0 of nothing.
+
+        Args:
+            shape: height and width of the image.
+        """
+        pixel, weight = self.all("pixel"), self.all("weight").mean(axis=1, dtype=np.float64)
+        whole, served = (
+            np.bincount(pixel, part, shape[0] * shape[1]).reshape(shape) for part in (weight, weight * self.all("even"))
+        )
+        share: Values = 1.0 - np.divide(served, whole, out=np.ones(shape), where=whole > 0)
+        return share
+
     def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
         queries = shaded.queries
         asks = queries.weight.numpy().max(axis=1) > 0
@@ -104,7 +117,7 @@ class SeenPlaces:
         """Nothing: trials have no maps that could be asked."""
 
     def all(self, name: str) -> NDArray[Any]:
-        """Of all places: position, normal and weight, shape [places, 3], or pixel and sample, shape [places]."""
+        """Of all places: position, normal and weight, shape [places, 3], or pixel, sample and even, shape [places]."""
         return np.concatenate([found[name] for found in self._found])
 
 

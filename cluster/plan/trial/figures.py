@@ -9,7 +9,7 @@ import numpy as np
 
 from wdpm.cluster.plan.map_worth import MapError
 from wdpm.cluster.plan.path_caustics import PathCaustics
-from wdpm.cluster.plan.small_view import Figures, Values
+from wdpm.cluster.plan.small_view import BY_CHANCE, Figures, Values
 from wdpm.cluster.plan.trial.mean_error import NO_MEAN_ERROR, MeanError
 from wdpm.cluster.render_settings import RenderSettings
 
@@ -35,6 +35,8 @@ class Trial:
         caustic_grain: noise of a sample's caustics, as relMSE: samples of one pixel do not see the same of the map.
         noises: of a sample of each pixel: by photons, by paths as rendered, and the part of unguided ones that indirect
             light makes, shape [height, width].
+        uneven: of what each of those pixels reflects diffusely, the part that records do not serve, shape
+            [height, width].
         by_guided: figures of path tracing as it would be rendered, guided to caustics; None where it would not be.
         mean_error: of the image's mean, by photons that gather rays read.
     """
@@ -48,6 +50,7 @@ class Trial:
     bias: float
     caustic_grain: float
     noises: tuple[Values, Values, Values]
+    uneven: Values
     by_guided: Figures | None = None
     mean_error: MeanError = NO_MEAN_ERROR
 
@@ -58,7 +61,12 @@ class Trial:
 
     def noise_by(self, settings: RenderSettings) -> float:
         """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
-        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths.of_indirect
+        noise, gathered = self.noises[2], self._gathered(settings)
+        # By pixels: a dark floor may be all that has a coat, beneath white walls that have all the noise.
+        noise = np.minimum(noise, np.quantile(noise, 1.0 - BY_CHANCE))
+        whole = float(noise.sum())
+        share = float((gathered * noise).sum()) / whole if whole > 0 else float(gathered.mean())
+        return self.by_photons.noise + share * GATHERED * self.by_paths.of_indirect
 
     def noises_by(self, settings: RenderSettings) -> Values:
         """Of one sample of each pixel, at most MOST_NOISE, shape [height, width]."""
@@ -67,8 +75,8 @@ class Trial:
             by_path = by_photons + self._gathered(settings) * GATHERED * of_indirect
         return np.minimum(by_path, MOST_NOISE)
 
-    def _gathered(self, settings: RenderSettings) -> float:
-        """The share of samples that have a gather ray, by photon mapping."""
+    def _gathered(self, settings: RenderSettings) -> Values:
+        """The share of each pixel's light that is that of gather rays, by photon mapping, shape [height, width]."""
         if not settings.final_gathers:
-            return 0.0
-        return 1.0 - self.even if settings.algorithm.has_irradiance_cache(settings) else 1.0
+            return np.zeros_like(self.uneven)
+        return self.uneven if settings.algorithm.has_irradiance_cache(settings) else np.ones_like(self.uneven)

@@ -82,6 +82,7 @@ class Looks:
             bias,
             caustic_grain,
             noises,
+            self.places.uneven(self.truth.shape[:2]),
         )
 
     def guided_trial(self, trial: Trial, guided: Halves, caustics: PathCaustics) -> Trial:

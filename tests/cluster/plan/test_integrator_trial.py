@@ -257,7 +257,7 @@ def price(indirect: Indirect, even: float, caustic_k: int, photons: float) -> fl
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, figures, NO_CAUSTICS, even, 0.0, (None, None), 0.0, 0.0, noises)
+    trial = Trial(figures, figures, NO_CAUSTICS, even, 0.0, (None, None), 0.0, 0.0, noises, np.full((1, 1), 1.0 - even))
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
@@ -331,7 +331,7 @@ def trial_of(figures: Figures, noise: float) -> Trial:
     settings = RenderSettings(integrator=Integrator.PHOTONS, light_samples=4)
     by_photons = Figures(settings, noise=noise, of_indirect=0.0, vertices=0.0, light_samples=4, indirect=0.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    return Trial(by_photons, figures, NO_CAUSTICS, 1.0, 0.0, (None, None), 0.0, 0.0, noises)
+    return Trial(by_photons, figures, NO_CAUSTICS, 1.0, 0.0, (None, None), 0.0, 0.0, noises, np.zeros((1, 1)))
 
 
 def by_paths(noise: float) -> Figures:
