@@ -151,7 +151,8 @@ def make_camera_rays(features: Features) -> CameraRays:
         if found.prim != hit.prim:
             store_ray_hit(found, i, rays)
             rays.owner[i] = owner_of(cells, surfaces, found)
-        next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, found.t, own_cell)
+        end = wp.where(found.prim >= 0, rays.owner[i], -1)
+        next_cell_out[i] = next_cell_of(cells, ray.origin, ray.direction, found.t, end, own_cell, 0)
 
     @made_for(features)
     def start_paths(camera: CameraView, rays: Rays, offset: wp.int32, paths_out: Paths) -> None:
@@ -212,7 +213,8 @@ def make_visit_paths(features: Features) -> wp.Kernel:
             if found.prim != hit.prim:
                 store_hit(found, i, paths)
                 paths.owner[i] = owner_of(cells, surfaces, found)
-            onward = next_cell_of(cells, origin, direction, found.t, own_cell, fresh)
+            end = wp.where(found.prim >= 0, paths.owner[i], -1)
+            onward = next_cell_of(cells, origin, direction, found.t, end, own_cell, fresh)
         next_cell_out[i] = onward
 
     return visit_paths

@@ -22,7 +22,7 @@ from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_on_way, may_meet, next_cell, next_cell_of
+from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, may_meet, next_cell, next_cell_of
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
@@ -94,7 +94,8 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
             if asks:
                 blocked = any_hit(trees, origin, direction, SEGMENT_END)
             if not blocked:
-                onward = next_cell_of(cells, origin, direction, SEGMENT_END, own_cell, fresh)
+                end = cell_of(cells, origin + direction)
+                onward = next_cell_of(cells, origin, direction, SEGMENT_END, end, own_cell, fresh)
         next_cell_out[i] = onward
 
     return visit_shadow_segments

@@ -66,7 +66,7 @@ from wdpm.kernels.photons.flight import (
     without_hit,
 )
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_of, next_cell, next_cell_of
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
@@ -194,20 +194,25 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
 
 @functools.cache
 def make_fly(instances: bool) -> wp.Function:
-    """`fly(scene, own_cell, photon) -> Leg`, in scenes with or without instances."""
+    """`fly(scene, own_cell, fresh, photon) -> Leg`, in scenes with or without instances."""
     closest_hit = closest_function(instances)
     owner_of = make_owner_of(instances)
 
     @wp.func
-    def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
-        """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
+    def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, fresh: wp.int32, p: Photon) -> Leg:
+        """Look for where a photon's ray ends: in this cell, in another, or nowhere.
+
+        Args:
+            fresh: 1 where it has been in no cell yet, and begins in this one. Else 0.
+        """
         leg = Leg()
         leg.status = GOES_ON
         leg.owner = p.owner
         leg.hit = closest_hit(scene.trees, p.origin, p.direction, p.hit)
         if leg.hit.prim != p.hit.prim:
             leg.owner = owner_of(scene.cells, scene.surfaces, leg.hit)
-        leg.destination = next_cell(scene.cells, p.origin, p.direction, leg.hit.t, own_cell)
+        end = wp.where(leg.hit.prim >= 0 or leg.hit.t < NO_HIT, leg.owner, -1)
+        leg.destination = next_cell_of(scene.cells, p.origin, p.direction, leg.hit.t, end, own_cell, fresh)
         if leg.destination >= 0:
             leg.status = TRAVELS
         elif leg.hit.prim < 0 and leg.hit.t >= NO_HIT:
@@ -412,13 +417,14 @@ def make_trace_photons(features: Features) -> wp.Kernel:
         final = orders.landed == 1
         status = wp.int32(GOES_ON)
         destination = wp.int32(-1)
+        fresh = wp.int32(0)
         absorbed = wp.float64(0.0)
         escaped = wp.float64(0.0)
         cut = wp.float64(0.0)
 
         while status == GOES_ON:
             if not final:
-                leg = fly(scene, orders.own_cell, p)
+                leg = fly(scene, orders.own_cell, fresh, p)
                 p.hit = leg.hit
                 p.owner = leg.owner
                 status = leg.status
@@ -444,9 +450,11 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                             if wp.static(features.media):
                                 if p.medium >= 0:
                                     p = into_medium(p, scene.media, scene.cells, scene.surfaces.offset_min)
-                            destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, -1)
-                            if destination != orders.own_cell:
-                                status = TRAVELS
+                            fresh = wp.int32(cell_of(scene.cells, p.origin) == orders.own_cell)
+                            if fresh == 0:
+                                destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, -1)
+                                if destination != orders.own_cell:
+                                    status = TRAVELS
                         else:
                             absorbed += mean3(p.flux)
                             status = ENDED

@@ -53,6 +53,7 @@ class Outlines:
         boxes: six rows a block; blocks 8 g to 8 g + 7 are those of group g.
         full: which boxes of a block have no plane: bit k for box k.
         slabs: of each box that of its plane, grown, and from how far it is asked: as lanes.slabs_met takes them.
+        flat: of each cell, 1 where all its boxes have planes, so that they are nearly what it holds.
     """
 
     first: wp.array[wp.int32]
@@ -61,6 +62,7 @@ class Outlines:
     boxes: wp.array[vec8]
     full: wp.array[wp.int32]
     slabs: wp.array[wp.float64]
+    flat: wp.array[wp.int32]
 
 
 def upload(
@@ -106,6 +108,8 @@ def upload(
     outlines.full = wp.array(np.packbits(full, bitorder="little"), dtype=wp.int32, device=device)
     by_block = np.ascontiguousarray(slabs.reshape(-1, 8, 6).transpose(0, 2, 1))
     outlines.slabs = wp.array(by_block.reshape(-1), dtype=wp.float64, device=device)
+    curved = np.bincount(cell, weights=plane < 0, minlength=len(groups))
+    outlines.flat = wp.array(curved == 0, dtype=wp.int32, device=device)
     return outlines
 
 

@@ -26,7 +26,7 @@ from wdpm.kernels.columns import FromFields, columns_of, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen, integer
 from wdpm.kernels.ray_fields import GATHERED, PART, PATH, PIXEL, SAMPLE, SEGMENT
-from wdpm.kernels.rays.cells import cell_beside, next_cell
+from wdpm.kernels.rays.cells import next_cell_of
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
@@ -177,12 +177,10 @@ def make_look_along(features: Features) -> wp.Function:
         if p.prim < 0 or visits == 1:
             look.hit = closest_hit(trees, p.origin, p.direction, look.hit)
             if cell != WHOLE_SCENE:
-                if visits == 1:
-                    look.onward = next_cell(scene.cells, p.origin, p.direction, look.hit.t, cell)
-                else:
-                    look.onward = cell_beside(scene.cells, p.origin, p.direction, look.hit.t, cell)
                 if look.hit.prim != p.prim:
                     look.owner = owner_of(scene.cells, scene.surfaces, look.hit)
+                end = wp.where(look.hit.prim >= 0, look.owner, -1)
+                look.onward = next_cell_of(scene.cells, p.origin, p.direction, look.hit.t, end, cell, 1 - visits)
         return look
 
     return look_along

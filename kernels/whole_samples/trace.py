@@ -33,7 +33,7 @@ from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites, record_path
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
-from wdpm.kernels.rays.cells import cell_beside, cell_on_way, may_meet
+from wdpm.kernels.rays.cells import cell_of, cell_on_way, may_meet, next_cell_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 from wdpm.kernels.whole_samples.indirect_light import (
@@ -151,7 +151,8 @@ def make_arriving(features: Features) -> wp.Function:
                     if any_hit(trees, origin, direction, SEGMENT_END):
                         return wp.vec3(0.0)
                 if within.cell != WHOLE_SCENE:
-                    onward = cell_beside(scene.cells, origin, direction, SEGMENT_END, within.cell)
+                    end = cell_of(scene.cells, origin + direction)
+                    onward = next_cell_of(scene.cells, origin, direction, SEGMENT_END, end, within.cell, 1)
                 if onward >= 0:
                     leave_by_shot(scratch.shots, j, onward, within, leaving.shots, notes)
                     return wp.vec3(0.0)
