@@ -24,7 +24,7 @@ from wdpm.cluster.work.shadows import Shadows
 from wdpm.cluster.work.whole.brought import brought
 from wdpm.cluster.work.whole.launches import Counts, TraceLaunches
 from wdpm.cluster.work.whole.samples import RaysTracedWhole, RecordRays, WholeSamples, add_counts
-from wdpm.cluster.work.whole.within_cell import WithinCell
+from wdpm.cluster.work.whole.within_cell import FEW_TO_FOLLOW, WithinCell
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
@@ -100,11 +100,10 @@ class CameraPaths:
         found = {**batch.arrays, **no_hits(len(batch), self._view)}
         arrays = {name: found[name] for name in SCHEMAS[Kind.CAMERA]}
         rays = columns.upload(Rays, arrays, self._replica.launcher.device, written=())
-        if self.within.can_be:
-            follows = self._followed(batch, rays, first=True, together=batch.arrays["together"])
-            if follows is not None:
-                yield from follows
-                return
+        follows = self._followed(batch, rays, first=True, together=batch.arrays["together"])
+        if follows is not None:
+            yield from follows
+            return
         unit = parts.credit_of_camera_ray(self._view.light_samples)
         first = first_cells(self._replica, rays, len(batch))
         for cell, rows in by_destination(first, first >= 0):
@@ -183,11 +182,10 @@ class CameraPaths:
         """Light final hits of camera rays in this cell."""
         kernels, device = self._replica.kernels, self._replica.launcher.device
         rays = columns.upload(Rays, batch.arrays, device, written=())
-        if self.within.can_be:
-            follows = self._followed(batch, rays, first=True)
-            if follows is not None:
-                yield from follows
-                return
+        follows = self._followed(batch, rays, first=True)
+        if follows is not None:
+            yield from follows
+            return
         if kernels.shade_vertices is None:
             yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
             return
@@ -251,9 +249,13 @@ class CameraPaths:
 
         Gather rays of a few records end all over a cell. Vertices on the same triangle, or on triangles with like
         numbers, are shaded one after another: what they read (the triangle, irradiance near by, texels, the way to the
-        lamps) is then in the processor's caches still.
+        lamps) is then in the processor's caches still. Of few rays all is done at once.
         """
         rays = columns.upload(Paths, batch.arrays, self._replica.launcher.device, HIT)
+        follows = self._followed(batch, rays, first=False, visits=True) if len(batch) <= FEW_TO_FOLLOW else None
+        if follows is not None:
+            yield from follows
+            return
         onward = self._visit(rays, len(batch), fresh=False)
         yield from self._sort_out(batch.runs, columns.download(rays, SCHEMAS[Kind.PATH]), onward)
 
@@ -307,11 +309,10 @@ class CameraPaths:
         """Light final hits of paths in this cell."""
         arrays = batch.arrays
         rays = columns.upload(Paths, arrays, self._replica.launcher.device, written=())
-        if self.within.can_be:
-            followed = self._followed(batch, rays, first=False)
-            if followed is not None:
-                yield from followed
-                return
+        followed = self._followed(batch, rays, first=False)
+        if followed is not None:
+            yield from followed
+            return
         self.vertices += len(batch)
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), int(vertices.SHOTS_LATER), actions)
@@ -337,9 +338,9 @@ class CameraPaths:
             paths, how: of the batch, as WithinCell.follow takes them.
 
         Returns:
-            None where guards are to count what happens: it is then to be found vertex by vertex.
+            None where they cannot be, or guards are to count what happens: it is then to be found vertex by vertex.
         """
-        followed = self.within.follow(paths, len(batch), **how)
+        followed = self.within.follow(paths, len(batch), **how) if self.within.can_be else None
         if followed is None:
             return None
         self.count_whole(followed.counts)

@@ -7,6 +7,7 @@ import random
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ from test_exactness_whole_samples import SCENES as WITH_KERNELS
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
-from wdpm.cluster.work import bucket_home
+from wdpm.cluster.work import bucket_home, camera_paths
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.whole import within_cell
@@ -120,6 +121,29 @@ def test_threads_cells_and_room_change_no_bit(name: str, way: RenderSettings, mo
     launched = remembered(monkeypatch)
     assert same_bits(divided(SCENES[name], way, cells=8, workers=3), expected)
     assert sum(int(one.counts[PATHS_LEFT]) for one in launched if one is not None) > 0
+
+
+@pytest.mark.parametrize("way", [PATH, CACHE], ids=["path", "photons"])
+def test_few_rays_that_come_by_have_the_bits_of_many(way: RenderSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many are sorted by what they meet before they are followed."""
+    visits: list[bool] = []
+    follow = WithinCell.follow
+
+    def remember(self: WithinCell, *args: Any, first: bool, **how: Any) -> FollowedPaths | None:
+        if not first:
+            visits.append(how.get("visits", False))
+        return follow(self, *args, first=first, **how)
+
+    monkeypatch.setattr(WithinCell, "follow", remember)
+    few = divided(SCENES["coats"], way)
+    assert any(visits)
+    visits.clear()
+    monkeypatch.setattr(camera_paths, "FEW_TO_FOLLOW", 0)
+    many = divided(SCENES["coats"], way)
+    assert visits
+    assert not any(visits)
+    assert same_bits(few, many)
+    assert counted_of(few) == counted_of(many)
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)

@@ -24,6 +24,10 @@ from wdpm.kernels.whole_samples import indirect_light, leaving
 GRAIN = 256
 """Paths below which handing a chunk of them to another thread costs more than it saves."""
 
+FEW_TO_FOLLOW = 1 << 13
+"""Rays that come by a cell and are followed in the order in which they came. So few would find little more in the
+processor's caches in the order of what they meet, and a launch and a batch that this takes cost more."""
+
 ROOM_VERTICES = 2
 """Vertices of each path that lists have room for, before paths go on in another launch. Pages that nothing is written
 to are no memory."""
