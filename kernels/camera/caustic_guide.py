@@ -14,6 +14,7 @@ photons of a short pilot have missed.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -85,9 +86,11 @@ def upload(
         axis, split: of the regions' kd-tree, in heap order, as of the top tree.
         first, target, rim, share, part: see CausticGuide; no `first` for no regions.
     """
+    if len(first) < 2:
+        return _nothing(device)
     guide = CausticGuide()
     guide.regions = cells.upload(axis, split, 0.0, device)
-    guide.regions.count = max(len(first) - 1, 0)
+    guide.regions.count = len(first) - 1
     counts = first[1:].astype(np.int64) - first[:-1]
     ends = np.concatenate([[0], np.cumsum(-(-counts // 8) * 8)])
     row = np.arange(len(share)) + np.repeat(ends[:-1] - first[:-1], counts)
@@ -114,6 +117,19 @@ def upload(
     guide.target = wp.array(targets, dtype=wp.vec3, device=device)
     for name, table in floats.items():
         setattr(guide, name, wp.array(table, dtype=wp.float32, device=device))
+    return guide
+
+
+@functools.cache
+def _nothing(device: str) -> CausticGuide:
+    """A guide of no regions: of most views, of which a plan looks through nine."""
+    guide = CausticGuide()
+    guide.regions = cells.upload(np.zeros(0, np.int32), np.zeros(0, np.float32), 0.0, device)
+    guide.regions.count = 0
+    for name, kind in {"first": wp.int32, "target": wp.vec3}.items():
+        setattr(guide, name, wp.zeros(1, dtype=kind, device=device))
+    for name in ("cones", "rim", "part", "share", "until"):
+        setattr(guide, name, wp.zeros(1, dtype=wp.float32, device=device))
     return guide
 
 
