@@ -138,7 +138,7 @@ def make_render_plan(
         learnt = learn_guide(flat, pilot.cell, view, settings.samples_of_pass)
     if caustics is None:
         caustics = learn_caustics(flat, settings, view, pilot)
-    lit = lit_places(pilot, view.cache)
+    lit = lit_places(pilot, view.cache, settings.samples_of_pass)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
     words = (

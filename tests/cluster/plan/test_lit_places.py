@@ -11,7 +11,7 @@ from window_room import ALBEDO, shell
 
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.lit_places import PLACES, lit_places
+from wdpm.cluster.plan.lit_places import LEAST_PLACES, PLACES, lit_places
 from wdpm.cluster.plan.photon_pilot import fly_pilot
 from wdpm.cluster.plan.view import CACHE_PLAN
 from wdpm.cluster.records import NO_CACHE
@@ -24,8 +24,9 @@ from wdpm.scenes.model.scene import Scene, diffuse
 CACHED = RenderSettings(indirect=Indirect.CACHE, integrator=Integrator.PHOTONS, spp=8, photons=60_000)
 
 
-def found_in(flat: FlatScene, threads: int = 1) -> LitPlaces:
-    return lit_places(fly_pilot(flat, features_of(flat, CACHED), CACHED, Launcher("cpu", threads)), CACHE_PLAN)
+def found_in(flat: FlatScene, threads: int = 1, samples: int = 16) -> LitPlaces:
+    pilot = fly_pilot(flat, features_of(flat, CACHED), CACHED, Launcher("cpu", threads))
+    return lit_places(pilot, CACHE_PLAN, samples)
 
 
 def lamp_in_a_cup(size: tuple[int, int]) -> Scene:
@@ -64,6 +65,13 @@ def test_places_face_the_light_that_comes_to_them(edges: tuple[tuple[float, ...]
     assert (found.normal[:, 2] > 0.99).all()
 
 
+def test_passes_of_few_samples_have_fewer_places_of_as_much_light() -> None:
+    flat = flatten(cornell_box((16, 16)))
+    counts = [len(found_in(flat, samples=samples)) for samples in (1, 4, 8, 16, 64)]
+    assert counts == [LEAST_PLACES, LEAST_PLACES, PLACES // 2, PLACES, PLACES]
+    assert found_in(flat, samples=1).power.sum() == pytest.approx(found_in(flat).power.sum(), rel=0.02)
+
+
 def test_places_are_the_same_on_any_number_of_threads() -> None:
     flat = flatten(lamp_in_a_cup((16, 16)))
     one, two = found_in(flat, 1), found_in(flat, 2)
@@ -74,8 +82,8 @@ def test_places_are_the_same_on_any_number_of_threads() -> None:
 def test_records_that_share_out_no_rays_and_scenes_without_light_have_no_places() -> None:
     flat = flatten(cornell_box((16, 16)))
     pilot = fly_pilot(flat, features_of(flat, CACHED), CACHED, Launcher("cpu", 1))
-    assert not len(lit_places(pilot, NO_CACHE))
-    assert not len(lit_places(pilot, replace(CACHE_PLAN, extra=0.0)))
+    assert not len(lit_places(pilot, NO_CACHE, 16))
+    assert not len(lit_places(pilot, replace(CACHE_PLAN, extra=0.0), 16))
     box = cornell_box((16, 16))
     dark = flatten(replace(box, meshes=tuple(replace(mesh, emission=None) for mesh in box.meshes)))
     assert not len(found_in(dark))

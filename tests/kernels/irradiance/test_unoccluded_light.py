@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wdpm.kernels.irradiance.records import stratum_direction
 from wdpm.kernels.irradiance.unoccluded_light import REFLECTED, stratum_of, unoccluded_radiance, upload
+from wdpm.kernels.maths.directions import around
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -25,7 +26,10 @@ def there_and_back(
     i, stratum = wp.tid()
     row = stratum // columns
     direction = stratum_direction(normal[i], row, stratum - row * columns, rows, columns, u[i])
-    out[i, stratum] = stratum_of(direction, normal[i], rows, columns)
+    cosine = wp.dot(direction, normal[i])
+    x = wp.dot(direction, around(normal[i], wp.vec3(1.0, 0.0, 0.0)))
+    y = wp.dot(direction, around(normal[i], wp.vec3(0.0, 1.0, 0.0)))
+    out[i, stratum] = stratum_of(cosine * cosine, x, y, rows, columns)
 
 
 def vectors(values: ArrayLike) -> Any:
