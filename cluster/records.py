@@ -33,6 +33,9 @@ STRATA_SPACING = 4
 FEWEST_STRATA, MOST_STRATA = 0.7, 4.0
 """Bounds of the strata of other records, as a share of those."""
 
+LEAST_RAYS = 0.125
+"""Gather rays of a record, as a share of those of CachePlan.rows and columns, however few the samples."""
+
 RAY_SAMPLES = 1 << 30
 """Gather rays of records have sample numbers from here on: no camera sample has."""
 
@@ -53,6 +56,7 @@ class CachePlan:
         tolerance: relative standard error of a record's irradiance that extra gather rays are to bring it to, where
             candidates lie STRATA_SPACING pixels apart or further.
         extra: most of them, in rays of one a stratum; 0 for none.
+        least_rays: of a record, as a share of rows * columns, however few the samples (rendering.pass_plan.worth).
         wanted: weight of the records around a candidate that makes another one superfluous.
     """
 
@@ -69,6 +73,7 @@ class CachePlan:
     top: int = 0
     tolerance: float = 1.0
     extra: float = 0.0
+    least_rays: float = LEAST_RAYS
 
     def strata(self, number: int) -> tuple[int, int]:
         """Rows and columns of strata of the records of a round.

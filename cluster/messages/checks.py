@@ -371,6 +371,7 @@ def _cache_plan(plan: CachePlan, where: str) -> None:
         and _positive(plan.tolerance)
         and math.isfinite(plan.extra)
         and plan.extra >= 0
+        and _positive(plan.least_rays)
     )
     small = whole and lengths and math.prod(plan.strata(0)) * (1.0 + plan.extra) <= LARGEST_HEMISPHERE
     _require(small, where, f"{plan} is no plan of a cache")

@@ -30,7 +30,7 @@ from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import NO_MAPS, MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import GATHERED_BLUR, MapError, best_shares, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import caustics_by_paths, has_rough_metals, may_have_caustics
-from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot, worker_without_photons
+from wdpm.cluster.plan.photon_pilot import LEAST_PATHS, PhotonPilot, fly_pilot, worker_without_photons
 from wdpm.cluster.plan.small_view import SeenPlaces, Values, without_photons
 from wdpm.cluster.plan.steering.pilot import steered_pilot
 from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
@@ -53,8 +53,9 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
 from wdpm.scenes.model.scene import Camera
 
-GATHERED_PLACES = 1024
-"""Places of a trial at which the pilot's photons are gathered, to tell what the global map gets wrong."""
+GATHERED_PLACES, LEAST_GATHERED = 1024, 512
+"""Places of a trial at which the pilot's photons are gathered, to tell what the global map gets wrong: at most, and of
+the shortest pilot. Each takes some ten gathers."""
 
 LEAST_COSINE = 0.05
 """At which a pixel is thought to see a surface."""
@@ -92,6 +93,7 @@ class IntegratorChoice:
         indirect: where indirect light comes from by photons, in words.
         caustic_share: 1 of so many samples of a pixel asks the caustic map.
         shadow_rays: how many of a camera sample are worth it, if nobody said; 0 by path tracing: as ever.
+        square_of_indirect: mean square of indirect light, as `noise` is weighted; None by path tracing.
     """
 
     settings: RenderSettings
@@ -103,6 +105,7 @@ class IntegratorChoice:
     caustic_share: int = 1
     shadow_rays: int = 0
     caustics: CausticsLearnt | None = None
+    square_of_indirect: float | None = None
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -188,6 +191,7 @@ def _by_trial(
         (indirect,),
         best.caustic_share,
         best.shadow_rays,
+        square_of_indirect=trial.by_paths.indirect,
     )
 
 
@@ -319,7 +323,7 @@ def _with_photons_of_worth(
         return (of_others + sum(wrong(number, shares[number]) for number in errors)) * price(shares)
 
     def of_mean(shares: tuple[int, ...]) -> float:
-        return trial.mean_error.worth(paths / shares[GLOBAL_MAP], price(shares)) if reads_photons else 0.0
+        return trial.mean_error.worth(paths / shares[GLOBAL_MAP], price(shares), of_samples) if reads_photons else 0.0
 
     def is_seen(shares: tuple[int, ...]) -> bool:
         fewer = {n: plans.expected[n] / share for n, share in zip(maps, shares, strict=True) if share > 1}
@@ -398,7 +402,7 @@ def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, l
     figures = with_unfound(looks, of_global)
     if of_global is not None:
         of_global = of_global.of_light(figures.indirect)
-    plans, queries = map_plans(pilot, photons, flat), _map_queries(places, looks.samples)
+    plans, queries = map_plans(pilot, photons, flat), _map_queries(places, looks.samples, pilot)
     cached = replace(photons, indirect=Indirect.CACHE)
     unread = unread_at(pilot, cached, plans, queries.position, queries.normal)
     bias = 0.0
@@ -427,7 +431,7 @@ def _map_errors(
     pixel = places.all("pixel")
     if not len(pixel):
         return None, None
-    some = _some(len(pixel))
+    some = _some(len(pixel), pilot)
     position, normal = places.all("position")[some], places.all("normal")[some]
     radiance = truth.mean(axis=2).reshape(-1)[pixel[some]]
     of_sample = len(pixel) / (looks.samples * truth.shape[0] * truth.shape[1])  # places
@@ -451,18 +455,19 @@ def _map_errors(
     return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
 
 
-def _map_queries(places: SeenPlaces, samples: int) -> MapQueries:
+def _map_queries(places: SeenPlaces, samples: int, pilot: PhotonPilot) -> MapQueries:
     """Some of the places that an image of so many samples a pixel has seen."""
     pixel = places.all("pixel")
-    some = _some(len(pixel))
+    some = _some(len(pixel), pilot)
     of_each = len(pixel) / max(len(some), 1) / samples
     share = places.all("weight")[some].mean(axis=1, dtype=np.float64) * float(INV_PI) * of_each
     return MapQueries(places.all("position")[some], places.all("normal")[some], pixel[some], share)
 
 
-def _some(count: int) -> NDArray[np.intp]:
-    """Up to GATHERED_PLACES of so many places."""
-    return np.linspace(0, max(count - 1, 0), min(GATHERED_PLACES, count)).astype(np.intp)
+def _some(count: int, pilot: PhotonPilot) -> NDArray[np.intp]:
+    """Up to GATHERED_PLACES of so many places, fewer of a short pilot."""
+    most = min(max(GATHERED_PLACES * pilot.paths // (2 * LEAST_PATHS), LEAST_GATHERED), GATHERED_PLACES)
+    return np.linspace(0, max(count - 1, 0), min(most, count)).astype(np.intp)
 
 
 def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[np.float32]) -> Values:

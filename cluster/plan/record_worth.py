@@ -9,14 +9,22 @@ of the image that is not the noisiest, and records get as many gather rays as it
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.small_view import Halves, Values, box_blurred, relmse_epsilon, small_camera, without_photons
-from wdpm.cluster.plan.trial.prices import tolerance_for
+from wdpm.cluster.plan.small_view import (
+    Halves,
+    Values,
+    box_blurred,
+    mean_but_for_chance,
+    relmse_epsilon,
+    small_camera,
+    without_photons,
+)
+from wdpm.cluster.plan.trial.prices import least_rays, tolerance_for
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -30,18 +38,70 @@ NOISIEST = 0.1
 """Share of the image that is not looked at, the noisiest: blotches are seen in the rest of it."""
 
 
-def tolerance_of_records(
-    flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings, learnt: Learnt, cache: CachePlan
-) -> float:
-    """Relative standard error that records are to have, with SAMPLES_OF_PLAN samples a pixel, as CachePlan.tolerance.
+@dataclass(frozen=True, eq=False)
+class SampleNoise:
+    """What a trial that chose the integrator has seen already.
+
+    Attributes:
+        noise: squared error of one sample of each pixel, as relMSE, shape [height, width].
+        indirect: the mean square of indirect light, weighted likewise.
+    """
+
+    noise: Values
+    indirect: float
+
+
+@dataclass(frozen=True)
+class RecordWorth:
+    """How good records are to be.
+
+    Attributes:
+        tolerance: relative standard error, with SAMPLES_OF_PLAN samples a pixel, as CachePlan.tolerance.
+        least_rays: as CachePlan has it.
+    """
+
+    tolerance: float
+    least_rays: float
+
+    def plan(self, cache: CachePlan) -> CachePlan:
+        """The plan of records that may err so much: they get fewer rays, and reach further where things are near.
+
+        Samples that are so many times noisier are worth as many times fewer, squared, and records are made for so few
+        (wdpm.rendering.pass_plan.worth).
+        """
+        clearance = cache.clearance * math.sqrt(self.tolerance / cache.tolerance)
+        return replace(cache, tolerance=self.tolerance, clearance=clearance, least_rays=self.least_rays)
+
+
+def worth_of_records(
+    flat: FlatScene,
+    pilot: PhotonPilot,
+    settings: RenderSettings,
+    learnt: Learnt,
+    cache: CachePlan,
+    seen: SampleNoise | None = None,
+) -> RecordWorth:
+    """How good records are to be.
 
     Args:
         pilot: that was flown for these settings.
         learnt: how shadow rays choose among lights.
         cache: with the least tolerance, which it is where records get no rays for it.
+        seen: what a trial has seen; None to look now.
     """
     if not cache.extra:
-        return cache.tolerance
+        return RecordWorth(cache.tolerance, cache.least_rays)
+    least = cache.least_rays
+    if seen is None:  # who asked for records has all their rays
+        seen = _look(flat, pilot, settings, learnt)
+    else:
+        least = least_rays(mean_but_for_chance(seen.noise) / settings.samples_of_pass, seen.indirect)
+    noise = _but_the_noisiest(seen.noise) / SAMPLES_OF_PLAN
+    return RecordWorth(max(cache.tolerance, tolerance_for(noise, seen.indirect)), least)
+
+
+def _look(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings, learnt: Learnt) -> SampleNoise:
+    """A small image twice, by paths and without indirect light."""
     looking = replace(flat, camera=small_camera(flat.camera, TRIAL_PIXELS))
     paths = Integrator.PATH
     without = tuple(effect for effect in settings.without if effect not in paths.algorithm.cannot_leave_out)
@@ -51,18 +111,8 @@ def tolerance_of_records(
         by_path = Halves(looking, worker, whole, learnt)
     seen = box_blurred(np.mean([half["beauty"] for half in by_path.layers], axis=0))
     weight = 1.0 / (seen**2 + relmse_epsilon(seen))
-    indirect = by_path.figures(weight).indirect
-    noise = _but_the_noisiest(without_indirect.noise(weight)) * noise_left(flat.camera.filter) / SAMPLES_OF_PLAN
-    return max(cache.tolerance, tolerance_for(noise, indirect))
-
-
-def with_tolerance(cache: CachePlan, tolerance: float) -> CachePlan:
-    """The plan of records that may err so much: they get fewer rays, and reach further where things are near.
-
-    Samples that are so many times noisier are worth as many times fewer, squared, and records are made for so few
-    (wdpm.rendering.pass_plan.worth).
-    """
-    return replace(cache, tolerance=tolerance, clearance=cache.clearance * math.sqrt(tolerance / cache.tolerance))
+    noise = without_indirect.noise(weight).mean(axis=2) * noise_left(flat.camera.filter)
+    return SampleNoise(noise, by_path.figures(weight).indirect)
 
 
 def records_in_words(tolerance: float, cache: CachePlan) -> tuple[str, ...]:
@@ -74,5 +124,5 @@ def records_in_words(tolerance: float, cache: CachePlan) -> tuple[str, ...]:
 
 def _but_the_noisiest(noise: Values) -> float:
     """Mean over pixels, the noisiest ones left out."""
-    ascending = np.sort(noise.mean(axis=2), axis=None)
+    ascending = np.sort(noise, axis=None)
     return float(ascending[: max(1, round(len(ascending) * (1.0 - NOISIEST)))].mean())

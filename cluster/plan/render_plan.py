@@ -25,7 +25,7 @@ from wdpm.cluster.plan.lit_places import lit_places
 from wdpm.cluster.plan.map_plans import MapPlans, band_of_walls, irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
+from wdpm.cluster.plan.record_worth import RecordWorth, SampleNoise, records_in_words, worth_of_records
 from wdpm.cluster.plan.steering.pilot import emission_of, steered_pilot, steering_in_words
 from wdpm.cluster.plan.top_tree import build_top_tree, cells_seen, photons_in_cells
 from wdpm.cluster.plan.view import view_of
@@ -81,7 +81,7 @@ class RenderPlan(WorldPlan):
         learnt: how the view's shadow rays choose among lights.
         caustics: where its paths go on to find caustics.
         caustic_k: photons that gathers of the caustic map look for.
-        tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
+        records: how good irradiance records are to be.
         lit_places: that light comes to straight from the lights.
         outlines: pixels that outlines of lamps cross.
         sight: the cell that pixels of a grid see, as Session has it.
@@ -92,7 +92,7 @@ class RenderPlan(WorldPlan):
     learnt: Learnt
     caustics: CausticsLearnt
     caustic_k: int
-    tolerance: float
+    records: RecordWorth
     lit_places: LitPlaces
     outlines: LampOutlines
     sight: NDArray[np.int32]
@@ -100,7 +100,7 @@ class RenderPlan(WorldPlan):
 
     def learnt_view(self, view: View) -> View:
         """The view, with what the pilot has taught."""
-        cache = with_tolerance(view.cache, self.tolerance)
+        cache = self.records.plan(view.cache)
         known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places, outlines=self.outlines)
         return with_guide(replace(known, caustic_guide=self.caustics.guide), self.learnt)
 
@@ -114,6 +114,7 @@ def make_render_plan(
     pilot: PhotonPilot | None = None,
     learnt: Learnt | None = None,
     caustics: CausticsLearnt | None = None,
+    seen: SampleNoise | None = None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
@@ -123,6 +124,7 @@ def make_render_plan(
         pilot: that was flown to decide on settings.
         learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
         caustics: where paths go on to find caustics, likewise.
+        seen: the noise of samples, likewise.
     """
     view = view_of(flat, settings, workers)
     pilot = steered_pilot(flat, pilot_for(flat, features_of(flat, settings), settings, launcher, pilot), view)
@@ -140,10 +142,10 @@ def make_render_plan(
         caustics = learn_caustics(flat, settings, view, pilot)
     lit = lit_places(pilot, view.cache, settings.samples_of_pass)
     outlines = lamp_outlines(flat, pilot.cell)
-    tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
+    records = worth_of_records(flat, pilot, settings, learnt, view.cache, seen)
     words = (
         steering_in_words(pilot),
-        records_in_words(tolerance, view.cache),
+        records_in_words(records.tolerance, view.cache),
         _outlines_in_words(outlines),
         caustics.words,
     )
@@ -154,7 +156,7 @@ def make_render_plan(
         learnt=learnt,
         caustics=caustics,
         caustic_k=planned.caustic_k,
-        tolerance=tolerance,
+        records=records,
         lit_places=lit,
         outlines=outlines,
         sight=cells_seen(sight.position, sight.seen, tree),

@@ -182,7 +182,7 @@ class Halves:
         a, b = self.layers
         indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
         noise, of_indirect, of_direct = (
-            _mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect", "direct")
+            mean_but_for_chance(self.noise(weight, layer).mean(axis=2)) for layer in ("beauty", "indirect", "direct")
         )
         settings = replace(self._settings, light_samples=self.light_samples)
         of_indirect, indirect = min(of_indirect, noise), max(float(indirect), 0.0)
@@ -208,9 +208,8 @@ def relmse_epsilon(image: Values) -> float:
     return float(RELMSE_EPSILON * (middle / min(max(middle, DIMMEST), BRIGHTEST)) ** 2)
 
 
-def _mean_but_for_chance(noise: Values) -> float:
-    """Mean over pixels of which the noisiest count as those that are next to them: one sample decides nothing."""
-    of_pixels = noise.mean(axis=2)
+def mean_but_for_chance(of_pixels: Values) -> float:
+    """Mean noise of pixels of which the noisiest count as those that are next to them: one sample decides nothing."""
     return float(np.minimum(of_pixels, np.quantile(of_pixels, 1.0 - BY_CHANCE)).mean())
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.records import NO_CACHE, CachePlan
+from wdpm.cluster.records import LEAST_RAYS, NO_CACHE, CachePlan
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import View
 from wdpm.scenes.flat.flatten import FlatScene
@@ -32,9 +32,9 @@ samples. What follows from the image: _cache_plan."""
 SAMPLES_OF_PLAN = 32
 """Samples a pixel, in one pass, that CACHE_PLAN is for."""
 
-LEAST_RAYS, MOST_RAYS = 0.125, 4.0
-"""Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
-with more, interpolation is further off than the records are."""
+MOST_RAYS = 4.0
+"""Most gather rays of a record, as a share of that plan's: with more, interpolation is further off than they are. (The
+least: CachePlan.least_rays.)"""
 
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""
@@ -56,9 +56,13 @@ BUCKETS_ALONE = 2
 """The same where the last of them are divided."""
 
 
-def share_of_rays(spp: int) -> float:
-    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN."""
-    return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
+def share_of_rays(spp: int, least: float = LEAST_RAYS) -> float:
+    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN.
+
+    Args:
+        least: as CachePlan.least_rays.
+    """
+    return min(max(spp / SAMPLES_OF_PLAN, least), MOST_RAYS)
 
 
 def view_of(flat: FlatScene, settings: RenderSettings, workers: int, *, alone: bool = False) -> View:

@@ -109,8 +109,7 @@ def inspect(
         needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
         team_size = sharing(copies, [each] * slaves, needed).team_size
     team = largest_team(slaves, team_size)
-    found = (automatic.pilot, automatic.learnt, automatic.caustics)
-    plan = make_render_plan(flat, settings, team, launcher, None, *found)
+    plan = make_render_plan(flat, settings, team, launcher, None, *automatic.found)
     world = plan.world
     made = _by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons))
     effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)

@@ -14,6 +14,7 @@ from wdpm.cluster.plan.integrator_trial import choose_integrator, reason_for_pho
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
+from wdpm.cluster.plan.record_worth import SampleNoise
 from wdpm.cluster.plan.trial.caustic_share import share_in_words
 from wdpm.cluster.plan.trial.shadow_rays import rays_in_words
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -36,6 +37,7 @@ class ChosenSettings:
         noise: of a sample of each pixel of a small picture, where a choice told, shape [height, width].
         caustic_share: 1 of so many samples of a pixel asks the caustic map.
         caustics: where paths go on to find caustics, where a choice asked for it.
+        square_of_indirect: mean square of indirect light, as `noise` is weighted, where photons were chosen.
     """
 
     settings: RenderSettings
@@ -45,6 +47,15 @@ class ChosenSettings:
     noise: NDArray[np.float64] | None = None
     caustic_share: int = 1
     caustics: CausticsLearnt | None = None
+    square_of_indirect: float | None = None
+
+    @property
+    def found(self) -> tuple[PhotonPilot | None, Learnt | None, CausticsLearnt | None, SampleNoise | None]:
+        """What was found out to choose them, as plans take it (render_plan.make_render_plan)."""
+        seen = None
+        if self.noise is not None and self.square_of_indirect is not None:
+            seen = SampleNoise(self.noise, self.square_of_indirect)
+        return self.pilot, self.learnt, self.caustics, seen
 
 
 def choose_settings(
@@ -87,7 +98,9 @@ def choose_settings(
             chosen = replace(chosen, light_samples=choice.shadow_rays)
             words += rays_in_words(choice.shadow_rays)
     caustics = None if chosen.algorithm.shoots_photons else choice.caustics
-    return ChosenSettings(chosen, words, choice.pilot, choice.learnt, choice.noise, share, caustics)
+    return ChosenSettings(
+        chosen, words, choice.pilot, choice.learnt, choice.noise, share, caustics, choice.square_of_indirect
+    )
 
 
 BRIGHTEST = 1e32

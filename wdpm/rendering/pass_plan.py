@@ -180,7 +180,7 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
     Args:
         plan: for SAMPLES_OF_PLAN samples a pixel.
     """
-    share, finer = spp / SAMPLES_OF_PLAN, math.sqrt(share_of_rays(spp))
+    share, finer = spp / SAMPLES_OF_PLAN, math.sqrt(share_of_rays(spp, plan.least_rays))
     further = max((SAMPLES_OF_REACH / spp) ** 0.25, 1.0)
     least = plan.least * further
     return replace(

@@ -239,8 +239,7 @@ def _planned(
     flat: FlatScene, automatic: ChosenSettings, team: int, launcher: Launcher, cells: int | None
 ) -> RenderPlan:
     """The plan of a team, by what was found out to choose its settings."""
-    found = (automatic.pilot, automatic.learnt, automatic.caustics)
-    return make_render_plan(flat, automatic.settings, team, launcher, cells, *found)
+    return make_render_plan(flat, automatic.settings, team, launcher, cells, *automatic.found)
 
 
 def _allotment(automatic: ChosenSettings, view: View) -> Allotment:

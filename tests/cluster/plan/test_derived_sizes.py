@@ -67,6 +67,15 @@ def test_records_have_rays_by_samples_and_spacing() -> None:
     assert replace(CACHE_PLAN, rows=1, columns=1).strata(5) == (1, 3)
 
 
+def test_few_samples_have_as_few_rays_of_records_as_the_plan_allows() -> None:
+    fewer = replace(CACHE_PLAN, least_rays=CACHE_PLAN.least_rays / 2)
+    for spp in (1, 2, 4, 16):
+        whole, half = (math.prod(worth(plan, spp).strata(3)) for plan in (CACHE_PLAN, fewer))
+        share = share_of_rays(spp, fewer.least_rays) / share_of_rays(spp)
+        assert half == pytest.approx(share * whole, rel=0.15)  # whole rows and columns
+        assert (half < whole) == (spp < 4)
+
+
 def test_records_may_err_as_samples_do_and_reach_further_beside_few() -> None:
     """As the root of the samples down to one, where gradients ask for more rays than errors do."""
     tolerances = {spp: worth(CACHE_PLAN, spp).tolerance for spp in (1, 2, 4, 32, 128)}

@@ -28,7 +28,10 @@ def longest(max_depth: int | None) -> int:
     return plan(replace(GATHERED, max_depth=max_depth)).longest
 
 
-@pytest.mark.parametrize(("spp", "passes", "share"), [(1, 1, 0.125), (4, 1, 0.125), (5, 1, 0.25), (8, 2, 0.125)])
+@pytest.mark.parametrize(
+    ("spp", "passes", "share"),
+    [(1, 1, 0.0625), (3, 1, 0.125), (4, 1, 0.125), (5, 1, 0.25), (8, 2, 0.125), (8, 4, 0.0625)],
+)
 def test_few_samples_read_at_fewer_photons_which_are_as_easily_found(spp: int, passes: int, share: float) -> None:
     few, many = (plan(replace(GATHERED, spp=each, passes=passes)) for each in (spp, 64))
     assert few.share == share

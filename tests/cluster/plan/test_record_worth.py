@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 import window_room
 
-from wdpm.cluster.plan.trial.prices import MOST_TOLERANCE
+from wdpm.cluster.plan.trial.prices import FEWEST_RAYS, MOST_TOLERANCE, least_rays
 from wdpm.cluster.plan.view import CACHE_PLAN
-from wdpm.cluster.records import NO_CACHE
+from wdpm.cluster.records import LEAST_RAYS, NO_CACHE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
@@ -35,6 +35,23 @@ def test_records_are_exact_where_samples_are_and_no_better_than_needed_where_the
     assert tolerance(cornell_box((256, 256))) == CACHE_PLAN.tolerance
     noisy = tolerance(window_room.room())
     assert 2 * CACHE_PLAN.tolerance < noisy <= MOST_TOLERANCE
+
+
+def test_the_least_rays_leave_as_much_as_samples_do() -> None:
+    noises = [0.0, 1e-6, 0.004, 0.005, 0.1]
+    shares = [least_rays(noise, 0.3) for noise in noises]
+    assert shares[:2] == [LEAST_RAYS] * 2
+    assert shares[-1] == FEWEST_RAYS
+    assert shares[2] * 0.004 == pytest.approx(shares[3] * 0.005)
+
+
+@pytest.mark.parametrize(("spp", "least"), [(1, FEWEST_RAYS), (4, LEAST_RAYS)])
+def test_what_a_trial_has_seen_is_not_looked_at_again(spp: int, least: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It tells how few rays records may have: half beside one sample, whose noise is more than what they leave."""
+    monkeypatch.setattr("wdpm.cluster.plan.record_worth.Halves", None)
+    prepared = prepare(cornell_box((128, 128)), RenderSettings(spp=spp), 1, Launcher("cpu", 1), SilentProgress())
+    assert prepared.settings.indirect is Indirect.CACHE
+    assert prepared.session.view.cache.least_rays == least
 
 
 def test_it_is_the_same_on_any_number_of_threads_and_cells() -> None:
