@@ -234,7 +234,7 @@ def test_every_batch_is_valid_and_no_credit_is_lost_or_made(
     kinds: set[Kind] = set()
     watch_batches(monkeypatch, lambda batch: kinds.add(batch.kind))
     for routing in Routing:
-        chosen = replace(FEW, indirect=way, spp=1, routing=routing)
+        chosen = replace(FEW, indirect=way, spp=3, routing=routing)
         render_in_process(SCENES[name], chosen, workers=2, cells=4)
     assert Kind.VERTEX in kinds
     assert ({Kind.CANDIDATE, Kind.CANDIDATE_HIT, Kind.RECORD_SITES} <= kinds) == (way is Indirect.CACHE)

@@ -7,7 +7,7 @@ each hardly make the whole dearer, and leave less noise.
 from __future__ import annotations
 
 from wdpm.cluster.plan.trial.figures import Trial
-from wdpm.cluster.plan.trial.prices import Prices
+from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
 from wdpm.cluster.render_settings import RenderSettings
 
 MORE = 8
@@ -31,14 +31,14 @@ def shadow_rays(prices: Prices, trial: Trial, settings: RenderSettings, noise_sh
         prices: of the maps as they will be.
         trial: with the shadow rays by default, or one where there is one lamp without extent: more are of no use there.
         noise_share: share of the error that samples make.
-        price: of the whole with the shadow rays of the trial.
+        price: of the whole with the shadow rays of the trial, but for the plan: of what is done once that is a part.
     """
     usual = settings.algorithm.shadow_rays
     tried = trial.by_photons.light_samples
     if tried != usual or settings.samples_of_pass > MOST_SAMPLES:
         return tried
     error = 1.0 - noise_share * (1.0 - _left(trial))
-    dearer = 1.0 + prices.of_more_rays(MORE - usual) / price
+    dearer = 1.0 + prices.of_more_rays(MORE - usual) / (FINDING_OUT + price)
     return MORE if error * dearer <= LEAST_SAVED else usual
 
 
