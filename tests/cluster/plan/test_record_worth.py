@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 import window_room
 
+from wdpm.cluster.plan.record_worth import SEEN_SAMPLES
 from wdpm.cluster.plan.trial.prices import FEWEST_RAYS, MOST_TOLERANCE, least_rays
 from wdpm.cluster.plan.view import CACHE_PLAN
 from wdpm.cluster.records import LEAST_RAYS, NO_CACHE
@@ -45,10 +46,11 @@ def test_the_least_rays_leave_as_much_as_samples_do() -> None:
     assert shares[2] * 0.004 == pytest.approx(shares[3] * 0.005)
 
 
-@pytest.mark.parametrize(("spp", "least"), [(1, FEWEST_RAYS), (4, LEAST_RAYS)])
+@pytest.mark.parametrize(("spp", "least"), [(1, FEWEST_RAYS), (3, LEAST_RAYS)])
 def test_what_a_trial_has_seen_is_not_looked_at_again(spp: int, least: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """It tells how few rays records may have: half beside one sample, whose noise is more than what they leave."""
-    monkeypatch.setattr("wdpm.cluster.plan.record_worth.Halves", None)
+    if spp <= SEEN_SAMPLES:
+        monkeypatch.setattr("wdpm.cluster.plan.record_worth.Halves", None)
     prepared = prepare(cornell_box((128, 128)), RenderSettings(spp=spp), 1, Launcher("cpu", 1), SilentProgress())
     assert prepared.settings.indirect is Indirect.CACHE
     assert prepared.session.view.cache.least_rays == least
