@@ -86,7 +86,7 @@ GUARDS = (
         name="areas in double",
         file="scenes/flat/areas.py",
         prevents="lamps of needles have no area, or none that can be trusted",
-        changes=(("    p = corners.astype(np.float64)\n", "    p = corners\n"),),
+        changes=(("vertex].T.astype(np.float64) for", "vertex].T for"),),
         tests=("tests/scenes/test_areas.py::test_areas_of_needles",),
     ),
     Guard(
