@@ -122,7 +122,7 @@ def concentric(run: Run) -> None:
         Mesh("shell", shell.vertices * outer, shell.faces[:, ::-1], -shell.normals, None, 1),
     ]
     materials = [diffuse(name, (rho[name],) * 3) for name in ("inner", "outer")]
-    photons = 1_600_000 if run.full else 100_000
+    photons = 1_600_000 if run.full else 400_000
     for name, target, value in (("inner", (0, 0, 0), exact[0]), ("outer", (0, 0, -1), exact[1])):
         camera = view((0.1, 0.05, -0.75), target, 50, 8)
         seen = run.render(scene(meshes, camera, materials), photons=photons, k=400, spp=1024 if run.full else 64)
