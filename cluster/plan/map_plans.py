@@ -30,8 +30,8 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.whole import total_area
 
 PILOT_GATHERS = 8
-"""One for so many of a pilot's paths are photons at which it asks for its own density: of a thousand the median radius
-is known to 3 %."""
+"""Of a pilot's paths, for each photon at which it asks for its own density: of a thousand the median radius is known to
+3 %."""
 
 RADIUS_QUANTILE = 0.5
 NEAR = 0.125

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.gather_at_photons import gather_at_places
+from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.in_sight import gather_in_sight
 from wdpm.kernels.photons.surface_points import least_radius, reflect_gathered
 from wdpm.kernels.photons.walls import FEELERS
@@ -82,15 +82,18 @@ def of_white(
     radius = wp.empty(count, dtype=wp.float32, device=device)
     grazing = wp.empty(count if grazes else 0, dtype=wp.float32, device=device)
     launcher(
-        gather_at_places,
+        gather_at_photons,
         -(-count // GATHER_RUN),
         grain=GATHER_GRAIN,
         photons=photons,
+        rank=wp.full(count, -1, dtype=wp.int32, device=device),
         position=places.position,
         normal=places.normal,
         k=k,
         r_max=plan.radius,
         r_least=least_radius(plan.point_area, plan.radius),
+        share=0.0,  # of photons that are places: these are none of the map's
+        reach=0.0,
         run=GATHER_RUN,
         irradiance_out=irradiance,
         radius_out=radius,

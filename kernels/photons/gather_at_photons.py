@@ -23,7 +23,6 @@ from wdpm.kernels.photons.gather import (
     KEY_SCRATCH,
     contribution,
     estimate,
-    gather,
     key_place,
     nearest_or_within,
 )
@@ -106,7 +105,7 @@ def gather_at_photons(
     """Thread t gathers at photons (offset + t) * run .. + run - 1, one after another, as far as there are any.
 
     Args:
-        rank: of each photon in the map, which holds it.
+        rank: of each photon in the map; -1 where that does not hold it, and it is but a place.
         position, normal: its own.
         k: most photons to use, 1 .. MAX_K.
         r_max: most distant photon to use [scene units].
@@ -129,48 +128,15 @@ def gather_at_photons(
         if q > begin:
             guess = follow(guess, wp.length(x - before))
         found = nearest_or_within(photons, x, n, k, r_max, r_least, guess, candidates, ints)
-        others = self_last(photons, rank[q], found.count, candidates)
+        others = found.count
+        if rank[q] >= 0:
+            others = self_last(photons, rank[q], found.count, candidates)
         irradiance = estimate(photons, candidates, others, n, n, found.area_radius2)
         if others < found.count:
             sites = share * wp.float32(others) * (reach * reach / found.area_radius2)
             own = contribution(photons, key_place(candidates[others]), n, n, False)
             irradiance += own * ((1.0 - excess_of_self(sites)) / (PI * found.area_radius2))
         irradiance_out[q] = irradiance
-        radius_out[q] = found.radius
-        if q < grazing_out.shape[0]:
-            grazing_out[q] = grazing(photons, candidates, found.count, n)
-        guess = found.radius
-        before = x
-
-
-@wp.kernel
-def gather_at_places(
-    photons: PhotonMap,
-    position: wp.array[wp.vec3],
-    normal: wp.array[wp.vec3],
-    k: wp.int32,
-    r_max: wp.float32,
-    r_least: wp.float32,
-    offset: wp.int32,
-    run: wp.int32,
-    irradiance_out: wp.array[wp.vec3],
-    radius_out: wp.array[wp.float32],
-    grazing_out: wp.array[wp.float32],
-) -> None:
-    """As gather_at_photons, of a map that they are not in."""
-    candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
-    ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
-    begin = (offset + wp.tid()) * run
-    end = wp.min(begin + run, position.shape[0])
-    guess = wp.float32(0.0)
-    before = wp.vec3(0.0)
-    for q in range(begin, end):
-        x = position[q]
-        n = normal[q]
-        if q > begin:
-            guess = follow(guess, wp.length(x - before))
-        found = gather(photons, x, n, n, k, r_max, r_least, guess, candidates, ints)
-        irradiance_out[q] = found.irradiance
         radius_out[q] = found.radius
         if q < grazing_out.shape[0]:
             grazing_out[q] = grazing(photons, candidates, found.count, n)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.gather_at_photons import gather_at_photons, gather_at_places
+from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 
 ERRORS = 5.0
 RADIUS = 1.0
@@ -102,12 +102,14 @@ def test_gathers_tell_how_much_light_grazes() -> None:
     power, weight = flux[:count].sum(axis=1), (1.0 - cosine[:count]) ** 5
     expected = (power @ weight) / power.sum() - 1.0 / 21.0
     at = [wp.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0]], dtype=wp.vec3), wp.array(up[:2], dtype=wp.vec3)]
+    none = wp.full(2, -1, dtype=wp.int32)
     told = []
     for order in (np.arange(2 * count), rng.permutation(2 * count)):
         photons = (a[order] for a in (position, flux, up, direction))
         tree = photon_map.build(*photons, np.arange(2 * count)[order])
         out = [wp.empty(2, dtype=t) for t in (wp.vec3, wp.float32, wp.float32)]
-        wp.launch(gather_at_places, 2, inputs=[tree, *at, 100, RADIUS, 0.0, 0, 1], outputs=out)
+        search = [100, RADIUS, 0.0, SHARE, REACH, 0, 1]
+        wp.launch(gather_at_photons, 2, inputs=[tree, none, *at, *search], outputs=out)
         told.append(out[2].numpy())
     assert told[0].tobytes() == told[1].tobytes()
     assert told[0][0] == pytest.approx(expected, rel=1e-5)
