@@ -81,7 +81,7 @@ def test_a_coat_lets_less_light_through_that_comes_from_low_down() -> None:
 
 
 def test_the_report_says_what_is_approximated() -> None:
-    words = "indirect light on diffuse parts under gloss: by how much of it there is, and grazes them"
+    words = "indirect light on diffuse parts under gloss: told by its amount and how much of it grazes them"
     few = {**BY_RECORDS, "photons": 1000, "spp": 1}
     for bsdf, is_said in ((GLOSS, True), (COATED, True), (Diffuse(GREY), False)):
         report = rendered(box_of(bsdf), **{**few, "all_effects": False}).report

@@ -29,7 +29,7 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
         if plan.paths:
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
     if settings.final_gathers and _has_layers(world.materials):
-        lines.append("indirect light on diffuse parts under gloss: by how much of it there is, and grazes them")
+        lines.append("indirect light on diffuse parts under gloss: told by its amount and how much of it grazes them")
     if world.volume_map.paths:
         radius = world.volume_map.radius * world.unit
         lines.append(
