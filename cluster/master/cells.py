@@ -85,4 +85,5 @@ def rows(triangles: Triangles, start: int, count: int) -> Triangles:
         triangles.material[part],
         triangles.emitter[part],
         triangles.colors[part] if len(triangles.colors) else triangles.colors,
+        triangles.area_before[part],
     )

@@ -24,7 +24,7 @@ from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.emission_checks import SHAPES_OF_EMISSION, check_steering
 from wdpm.cluster.messages.guide_checks import SHAPES_OF_GUIDES, check_caustic_guide, check_light_guide
-from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
+from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_area_before, check_instances, check_shapes
 from wdpm.cluster.messages.short_bitmaps import ShortBitmap
 from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
 from wdpm.cluster.messages.view_checks import check_allotment, check_lamp_outlines, check_view
@@ -126,6 +126,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "material": ("triangles",),
         "emitter": ("triangles",),
         "colors": ("colored", 3, 3),
+        "area_before": ("triangles",),
     },
     **SHAPES_OF_INSTANCES,
 }
@@ -180,6 +181,7 @@ def check_triangles(triangles: Triangles, world: World, where: str) -> None:
     _indices(triangles.emitter, -1, len(world.lights.emitter_radiance), f"{where}: emitter")
     colored = len(triangles.colors)
     _require(colored in (0, len(triangles)), where, f"colours of {colored} triangles; there are {len(triangles)}")
+    check_area_before(triangles.area_before, where)
     _indices(triangles.instances.shapes.material, 0, len(world.materials), f"{where}: material of a shape")
 
 

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.messages.demands import Shape, indices, require
 from wdpm.scenes.flat.instances import Instances, Shapes
+
+MOST_AREA = 1e15
+"""Of all surfaces, in the renderer's space, where no coordinate is above 1: far more than triangles can have."""
 
 SHAPES_OF_INSTANCES: dict[type, dict[str, Shape]] = {
     Shapes: {
@@ -15,6 +19,7 @@ SHAPES_OF_INSTANCES: dict[type, dict[str, Shape]] = {
         "uvs": ("triangles", 3, 2),
         "material": ("triangles",),
         "colors": ("colored", 3, 3),
+        "area_before": ("triangles",),
     },
     Instances: {
         "shape": ("instances",),
@@ -22,6 +27,8 @@ SHAPES_OF_INSTANCES: dict[type, dict[str, Shape]] = {
         "matrix": ("instances", 3, 4),
         "normal_matrix": ("instances", 3, 3),
         "mirrored": ("instances",),
+        "area_before": ("instances",),
+        "area_scale": ("instances",),
     },
 }
 """Shapes of arrays by class and field, as checks.SHAPES."""
@@ -34,6 +41,7 @@ def check_shapes(shapes: Shapes, where: str) -> None:
     require(len(shapes.colors) in (0, count), where, f"colours of {len(shapes.colors)} triangles; there are {count}")
     sound = np.isfinite(shapes.corners).all() and np.isfinite(shapes.normals).all()
     require(bool(sound), where, "corners or normals that are not finite")
+    check_area_before(shapes.area_before, where)
 
 
 def check_instances(instances: Instances, where: str) -> None:
@@ -43,7 +51,14 @@ def check_instances(instances: Instances, where: str) -> None:
     require(bool((instances.base[1:] >= ends[:-1]).all()), where, "numbers of triangles overlap")
     indices(instances.base, 0, 2**31, f"{where}.base")
     indices(ends, 0, 2**31, f"{where}: last numbers")
+    check_area_before(instances.area_before, where)
+    check_area_before(instances.area_scale, where)
     with np.errstate(all="ignore"):
         size = np.abs(np.linalg.det(instances.matrix[:, :, :3]))
         sound = np.isfinite(instances.matrix).all() and np.isfinite(instances.normal_matrix).all()
     require(bool(sound and (size > 0).all()), where, "a matrix that is not finite, or without an inverse")
+
+
+def check_area_before(area: NDArray[np.float64], where: str) -> None:
+    """Raise ProtocolError unless areas can be divided into points."""
+    require(bool(((area >= 0) & (area <= MOST_AREA)).all()), where, "an area before a triangle that cannot be")

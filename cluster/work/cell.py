@@ -65,7 +65,7 @@ class Cell:
             return [trees, cell_triangles.upload(triangles, replica.world.extent, device, instances)]
 
         self._trees, self._surfaces = replica.host_cache.get(self._entry(make))
-        self.store = PhotonStore(number, self._trees, self._surfaces, triangles.instances, replica)
+        self.store = PhotonStore(number, self._trees, self._surfaces, triangles, replica)
         self._camera_paths = CameraPaths(number, self._trees, self._surfaces, self.store, replica)
         self._photon_paths = PhotonPaths(number, self._trees, self._surfaces, self.store, replica)
         self._actions = {

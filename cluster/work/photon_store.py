@@ -39,7 +39,7 @@ from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instance_areas import InstanceAreas
 from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.instances import Instances
+from wdpm.scenes.flat.arrays import Triangles
 
 CARRIED = ("id", "position", "normal", "front")
 """What is kept of photons that carry irradiance, until that is worked out."""
@@ -67,15 +67,17 @@ class PhotonStore:
         cell: number of the cell.
         trees: of its triangles.
         surfaces: its triangles on the device.
-        instances: those of them that are held once and stand in several places.
+        triangles: the same as they came; of them, the instances and what area comes before each are kept.
     """
 
-    def __init__(self, cell: int, trees: Trees, surfaces: Surfaces, instances: Instances, replica: Replica) -> None:
+    def __init__(self, cell: int, trees: Trees, surfaces: Surfaces, triangles: Triangles, replica: Replica) -> None:
         self._cell = cell
         self._replica = replica
         self._geometry = trees, surfaces
-        self.instance_areas = InstanceAreas(instances, surfaces.instances, replica.launcher)
-        self._spreader = PointSpreader(cell, surfaces, instances, self.instance_areas, replica)
+        self.instance_areas = InstanceAreas(triangles.instances, surfaces.instances, replica.launcher)
+        self._spreader = PointSpreader(
+            cell, surfaces, triangles.area_before, triangles.instances, self.instance_areas, replica
+        )
         self._own = MapBuffers(Kind.GHOST_PHOTONS)
         self._copies = MapBuffers(Kind.GHOST_PHOTONS)
         self._ghosts = MapBuffers(Kind.GHOST_PHOTONS)

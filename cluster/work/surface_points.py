@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import MapPlan
-from wdpm.kernels.photons.surface_points import even_runs, point_counts, spread
+from wdpm.kernels.photons.surface_points import even_runs, points_of, spread
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instance_areas import InstanceAreas
 from wdpm.scenes.flat.areas import triangle_areas
@@ -29,15 +29,23 @@ class PointSpreader:
     Args:
         cell: number of the cell.
         surfaces: its triangles on the device.
+        area_before: what area comes before each (scenes.flat.surface_order), float64, shape [T].
         instances: those of them that are held once and stand in several places.
         areas: of these.
     """
 
     def __init__(
-        self, cell: int, surfaces: Surfaces, instances: Instances, areas: InstanceAreas, replica: Replica
+        self,
+        cell: int,
+        surfaces: Surfaces,
+        area_before: NDArray[np.float64],
+        instances: Instances,
+        areas: InstanceAreas,
+        replica: Replica,
     ) -> None:
         self._cell = cell
         self._surfaces = surfaces
+        self._area_before = area_before
         self._instances = instances
         self._areas_of_instances = areas
         self._replica = replica
@@ -52,20 +60,19 @@ class PointSpreader:
             number of the map, positions [scene units] and unit normals, float32, shape [N, 3].
         """
         replica, surfaces = self._replica, self._surfaces
-        for rows, ids, area in self._areas() if plans else ():
+        for rows, area, before in self._areas() if plans else ():
             for number, plan in plans.items():
-                counts = point_counts(area, ids, plan.point_area, plan.point_set)
+                first, counts = points_of(area, before, plan.point_area, plan.point_set)
                 for some in even_runs(counts, POINTS_AT_ONCE):
-                    of_map = counts[some], replica.launcher, plan.point_set
-                    yield number, *spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
+                    of_map = first[some], counts[some], replica.launcher, plan.point_set
+                    yield number, *spread(surfaces, replica.cells, self._cell, rows(some), *of_map)
 
-    def _areas(self) -> Iterator[tuple[Rows, NDArray[np.int32], NDArray[np.float64]]]:
-        """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
-        ids = self._surfaces.ids.numpy()
-        yield _plain_rows, ids, triangle_areas(self._surfaces.corners.numpy())
-        for begin, end in self._areas_of_instances.blocks():
-            numbers = np.arange(begin, end, dtype=np.int32)
-            yield functools.partial(self._instance_rows, begin), numbers, self._areas_of_instances.of(begin, end)
+    def _areas(self) -> Iterator[tuple[Rows, NDArray[np.float64], NDArray[np.float64]]]:
+        """Of the cell's triangles, some at a time: the rows of chosen ones; areas of all, and those before them."""
+        yield _plain_rows, triangle_areas(self._surfaces.corners.numpy()), self._area_before
+        areas = self._areas_of_instances
+        for begin, end in areas.blocks():
+            yield functools.partial(self._instance_rows, begin), areas.of(begin, end), areas.before(begin, end)
 
     def _instance_rows(self, begin: int, chosen: NDArray[np.intp]) -> NDArray[np.int32]:
         """Rows of triangles by how many numbers come before theirs from `begin` on, shape [N, 2]."""

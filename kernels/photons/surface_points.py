@@ -9,8 +9,10 @@ lies within its own triangle needs no count.
 Points are places like photons, in the same kind of tree; cells hold those of their band. A count is an integer: it
 does not depend on tree, order or partition.
 
-A triangle knows its points by its number alone: by one sequence how many, and by another (STARTS) where.
-The first keeps pace with the rows of some meshes of tiny triangles: a wall of 200 x 200 squares is measured too small.
+A triangle knows its points without its neighbours: how many by the area that comes before it along a curve through its
+mesh (scenes.flat.surface_order), and where by their numbers along that curve. Its own number would not do: any sequence
+of such keeps pace with the rows of some mesh (a wall of 200 x 200 squares was measured up to six times too small), or
+is as good as random.
 
 A count varies, and one over a number that varies is too large on average, by its variance over its square: 1 % at 16
 points, where photons lie densest and most of the light is. With a variance v, 1 / (count + v / count) is right to
@@ -49,15 +51,12 @@ _STACK = wp.constant(128)  # as in gather.py
 _LEAST_SQUARE = wp.constant(wp.float32(LEAST_SQUARE))
 _LARGER2_MOST = wp.constant(wp.float32(4.0))  # how much more may bend, see count_within
 
-GOLDEN = 0.6180339887498949
 PLASTIC = (0.7548776662466927, 0.5698402909980532)
 """1 / p and 1 / p² of the plastic number p: the additive recurrence with them fills the unit square evenly
 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), as 1 / phi does the unit interval."""
 
-STARTS = (0.6710436067037893, 0.5497004779019703)
-"""Where in a triangle its first point lies goes from one number to the next by these, 1 / g² and 1 / g³ of the number
-g that the additive recurrence in three dimensions is made of (Roberts, ibid.): with GOLDEN's steps, which say whether a
-small triangle has a point at all, all points of small triangles would lie at one and the same spot of these."""
+MOST_NUMBERS = 2.0**24
+"""Points have so many different places in their triangles: with larger numbers the fractions would lose their bits."""
 
 COUNT_VARIANCE = 0.7
 """Variance of a count over the root of its mean: what is gained or lost lies on the disc's rim. On squares of 2 to
@@ -66,24 +65,24 @@ COUNT_VARIANCE = 0.7
 _COUNT_VARIANCE = wp.constant(wp.float32(COUNT_VARIANCE))
 _PLASTIC = wp.constant(wp.float64(PLASTIC[0]))
 _PLASTIC_SQUARED = wp.constant(wp.float64(PLASTIC[1]))
-_START_U = wp.constant(wp.float64(STARTS[0]))
-_START_V = wp.constant(wp.float64(STARTS[1]))
 
 
-def point_counts(
-    area: NDArray[np.float64], ids: NDArray[np.int32], point_area: float, number: int = 0
-) -> NDArray[np.int64]:
-    """How many points each triangle gets: its area over `point_area`, rounded up or down.
+def points_of(
+    area: NDArray[np.float64], before: NDArray[np.float64], point_area: float, point_set: int = 0
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The points of each triangle: of all along the curve the number of its first, and how many it has.
 
-    The share that rounds up follows the golden ratio's sequence by triangle number, so that runs of small triangles get
-    the right number in all, and each triangle knows its own without its neighbours.
+    That is its area over `point_area`, rounded up where the area before it is nearly enough for one more. So all
+    triangles up to any place of the curve have as many points as their area says, less than one more or less.
 
     Args:
-        number: which of many sets of points.
+        before: what area comes before each triangle, shape [T].
+        point_set: which of many sets of points.
     """
-    share = (ids.astype(np.float64) * GOLDEN + number * PLASTIC[0]) % 1.0
-    counts: NDArray[np.int64] = np.floor(area / point_area + share).astype(np.int64)
-    return counts
+    reached = before / point_area + point_set * PLASTIC[0]
+    whole = np.floor(reached)
+    counts = np.floor(area / point_area + (reached - whole))
+    return (whole % MOST_NUMBERS).astype(np.int64), counts.astype(np.int64)
 
 
 def least_radius(point_area: float, r_max: float) -> float:
@@ -108,7 +107,6 @@ def _place_points(
     surfaces: Surfaces,
     cells: Cells,
     rows: wp.array[wp.vec2i],
-    ids: wp.array[wp.int32],
     begin: wp.array[wp.int64],
     triangle: wp.array[wp.int32],
     offset: wp.int32,
@@ -116,17 +114,16 @@ def _place_points(
     normal_out: wp.array[wp.vec3],
     cell_out: wp.array[wp.int32],
 ) -> None:
-    """Points are numbered within their triangle, from a start that differs from triangle to triangle.
+    """Where points lie in their triangles goes by their numbers along the curve: neighbours lie at other spots.
 
     Args:
-        triangle: of each point; rows, ids: of each triangle; begin: the point whose number would be 0 there.
+        triangle: of each point; rows: of each triangle; begin: the point whose number would be 0 there.
     """
     i = offset + wp.tid()
     t = triangle[i]
     number = wp.float64(wp.int64(i) - begin[t])
-    in_order = wp.float64(ids[t])
-    u = in_order * _START_U + number * _PLASTIC
-    v = _HALF + in_order * _START_V + number * _PLASTIC_SQUARED
+    u = number * _PLASTIC
+    v = _HALF + number * _PLASTIC_SQUARED
     u = u - wp.floor(u)
     v = v - wp.floor(v)
     if u + v > _ONE:
@@ -143,7 +140,7 @@ def spread(
     cells: Cells,
     cell: int,
     rows: NDArray[np.int32],
-    ids: NDArray[np.int32],
+    first: NDArray[np.int64],
     counts: NDArray[np.int64],
     launcher: Launcher,
     point_set: int = 0,
@@ -152,16 +149,16 @@ def spread(
 
     Args:
         rows: of the triangles, as rays.instanced_triangles has them, shape [T, 2].
-        ids: their numbers, shape [T].
-        counts: how many points each gets (point_counts), shape [T].
+        first: of the points of each the number of its first, shape [T], and ...
+        counts: ... how many it has (points_of), shape [T].
         point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is
             then another in each pass of a render, and the mean of passes has less of it.
 
     Returns:
         positions and unit normals of the front side, float32, shape [points, 3] each.
     """
-    triangle = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
-    begin = np.cumsum(counts) - counts - point_set * counts
+    triangle = np.repeat(np.arange(len(rows), dtype=np.int32), counts)
+    begin = np.cumsum(counts) - counts - point_set * counts - first
     device = launcher.device
     position = wp.empty(len(triangle), dtype=wp.vec3, device=device)
     normal = wp.empty(len(triangle), dtype=wp.vec3, device=device)
@@ -172,7 +169,6 @@ def spread(
         surfaces=surfaces,
         cells=cells,
         rows=wp.array(rows, dtype=wp.vec2i, device=device),
-        ids=wp.array(ids, dtype=wp.int32, device=device),
         begin=wp.array(begin, dtype=wp.int64, device=device),
         triangle=wp.array(triangle, dtype=wp.int32, device=device, copy=False),
         position_out=position,

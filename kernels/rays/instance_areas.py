@@ -52,6 +52,28 @@ def _measure(
     area_out[i] = area
 
 
+@wp.kernel
+def _find_before(
+    instances: DeviceInstances,
+    shape_before: wp.array[wp.float64],
+    instance_before: wp.array[wp.float64],
+    scale: wp.array[wp.float64],
+    begin: wp.int32,
+    first: wp.int32,
+    last: wp.int32,
+    offset: wp.int32,
+    before_out: wp.array[wp.float64],
+) -> None:
+    """Operation by operation as scenes.flat.shapes has it."""
+    i = offset + wp.tid()
+    instance = instance_among(instances, begin + i, first, last)
+    before = wp.float64(0.0)
+    if instance >= 0:
+        row = instances.first[instance] + begin + i - instances.base[instance]
+        before = instance_before[instance] + scale[instance] * shape_before[row]
+    before_out[i] = before
+
+
 class InstanceAreas:
     """Areas of the triangles of some instances.
 
@@ -63,17 +85,41 @@ class InstanceAreas:
         self._base = instances.base.astype(np.int64)
         self._ends = self._base + instances.sizes
         self._uploaded, self._launcher = uploaded, launcher
+        before = instances.shapes.area_before, instances.area_before, instances.area_scale
+        self._before = [wp.array(each, dtype=wp.float64, device=launcher.device) for each in before]
 
     def of(self, begin: int, end: int) -> NDArray[np.float64]:
         """Areas of the triangles with the global numbers begin to end - 1, 0 for those of no instance."""
         area = wp.empty(end - begin, dtype=wp.float64, device=self._launcher.device)
-        first = int(self._ends.searchsorted(begin, side="right"))
-        last = int(self._base.searchsorted(end))
-        self._launcher(
-            _measure, end - begin, instances=self._uploaded, begin=begin, first=first, last=last, area_out=area
-        )
+        self._launcher(_measure, end - begin, **self._range(begin, end), area_out=area)
         areas: NDArray[np.float64] = area.numpy()
         return areas
+
+    def before(self, begin: int, end: int) -> NDArray[np.float64]:
+        """What area comes before each of them (scenes.flat.surface_order), 0 for those of no instance."""
+        before = wp.empty(end - begin, dtype=wp.float64, device=self._launcher.device)
+        of_shape, of_instance, scale = self._before
+        self._launcher(
+            _find_before,
+            end - begin,
+            **self._range(begin, end),
+            shape_before=of_shape,
+            instance_before=of_instance,
+            scale=scale,
+            before_out=before,
+        )
+        areas: NDArray[np.float64] = before.numpy()
+        return areas
+
+    def _range(self, begin: int, end: int) -> dict[str, Any]:
+        """Arguments of kernels that look for numbers among the instances that may have them."""
+        first = int(self._ends.searchsorted(begin, side="right"))
+        return {
+            "instances": self._uploaded,
+            "begin": begin,
+            "first": first,
+            "last": int(self._base.searchsorted(end)),
+        }
 
     def blocks(self, most: int = BLOCK) -> Iterator[tuple[int, int]]:
         """Ranges of at most so many numbers, in which all instances' triangles are, and few others."""

@@ -27,6 +27,7 @@ class Triangles:
         material: index of the material, int32, shape [T].
         emitter: index of the emitter's radiance, int32, shape [T]; -1 where nothing is emitted.
         colors: linear RGB at the corners, float32, shape [T, 3, 3]; [0, 3, 3] in a scene without vertex colours.
+        area_before: by which surface points are given to triangles (surface_order), float64, shape [T].
         instances: further triangles, of shapes that are held once; their numbers lie between those of `ids`.
     """
 
@@ -37,6 +38,7 @@ class Triangles:
     material: NDArray[np.int32]
     emitter: NDArray[np.int32]
     colors: NDArray[np.float32]
+    area_before: NDArray[np.float64]
     instances: Instances = NO_INSTANCES
 
     def __len__(self) -> int:
@@ -89,6 +91,7 @@ class Triangles:
             self.material[rows],
             self.emitter[rows],
             self.colors[rows] if len(self.colors) else self.colors,
+            self.area_before[rows],
         )
 
 
@@ -106,6 +109,7 @@ NO_TRIANGLES = Triangles(
     np.zeros(0, np.int32),
     np.zeros(0, np.int32),
     np.zeros((0, 3, 3), np.float32),
+    np.zeros(0),
 )
 
 

@@ -7,7 +7,7 @@ another in memory, and no index can point outside a partition.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from wdpm.scenes.flat.reach import largest_coordinate
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
 from wdpm.scenes.flat.room import Room, let_go
 from wdpm.scenes.flat.shapes import Instancing, Stage, Standing, choose, hold
+from wdpm.scenes.flat.surface_order import AreaBefore
 from wdpm.scenes.model.bsdfs import walk
 from wdpm.scenes.model.lights import DeltaLight, Light
 from wdpm.scenes.model.scene import Camera, Instance, Material, Medium, Scene, Solid
@@ -135,18 +136,32 @@ def _triangles(
     apart = [number for number, is_kept in enumerate(kept) if not is_kept]
     sizes = [len(meshes[number].faces) for number in apart]
     colored = any(mesh.colors is not None for mesh in meshes)
-    parts = (
-        _soup(meshes[number], space, material[number], emitter_index.get(id(meshes[number]), -1), standing[number])
-        for number in apart
-    )
-    soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored, room)
+    area_before = AreaBefore()
+    before = np.zeros(len(meshes))
+
+    def parts() -> Iterator[Triangles]:
+        """Of the meshes in their order, noting what area comes before those that stay instances."""
+        for number, mesh in enumerate(meshes):
+            each, emitter = standing[number], emitter_index.get(id(mesh), -1)
+            if each is None:
+                yield _soup(mesh, space, material[number], emitter, area_before)
+                continue
+            before[number] = area_before.step(each.area)
+            if not kept[number]:
+                yield each.copy(material[number], emitter, float(before[number]))
+
+    soup = _joined([meshes[number] for number in apart], parts(), sum(sizes), colored, room)
     cause = _cause(soup, [standing[number] for number in apart], sizes)
     mark_small(cause, [meshes[number] for number in apart], sizes)
     held = _Counter()
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
     counts[apart] = _kept_of_parts(cause, sizes)
     bases = np.cumsum(counts) - counts
-    chosen = [(each, material[i], int(bases[i])) for i, each in enumerate(standing) if each and kept[i] and counts[i]]
+    chosen = [
+        (each, material[i], int(bases[i]), float(before[i]))
+        for i, each in enumerate(standing)
+        if each and kept[i] and counts[i]
+    ]
     soup = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
     _number(soup.ids, bases[apart], counts[apart])
     return replace(soup, instances=hold(chosen, colored)), held.dropped_with(cause)
@@ -306,23 +321,21 @@ def _with_emission(
     return tuple(joined), chosen
 
 
-def _soup(
-    mesh: Solid, space: RendererSpace, material: int, emitter: int, standing: Standing | None = None
-) -> Triangles:
+def _soup(mesh: Solid, space: RendererSpace, material: int, emitter: int, area_before: AreaBefore) -> Triangles:
     """A mesh's triangles with their own corners; ids and colours are given later."""
-    if standing is not None:
-        return standing.copy(material, emitter)
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
+    corners = _corners(mesh, space)
     return Triangles(
         np.zeros(count, dtype=np.int32),
-        _corners(mesh, space),
+        corners,
         _corner_normals(mesh),
         np.zeros((count, 3, 2), dtype=np.float32) if mesh.uvs is None else mesh.uvs.astype(np.float32)[mesh.faces],
         np.full(count, material, dtype=np.int32),
         np.full(count, emitter, dtype=np.int32),
         np.zeros((0, 3, 3), dtype=np.float32),
+        area_before.of_mesh(corners),
     )
 
 

@@ -14,6 +14,7 @@ from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.dropped import DUPLICATE, KEPT, degenerate_cause, repeated
 from wdpm.scenes.flat.instances import NO_INSTANCES, Instances, Shapes, placed_corners, placed_normals
 from wdpm.scenes.flat.renderer_space import RendererSpace
+from wdpm.scenes.flat.surface_order import along_curve
 from wdpm.scenes.model.scene import Instance, Mesh, Solid
 from wdpm.scenes.model.transforms import normalized
 
@@ -49,6 +50,7 @@ class _Shape:
         height, length: of each triangle, its least height and its longest side; of all, the least and the largest.
         cause: why each triangle is dropped where the shape stands first, int8, shape [F].
         glows: whether it is a light.
+        area_before, area: of its triangles and of all, by surface_order, float64, shape [F].
     """
 
     mesh: Mesh
@@ -61,6 +63,8 @@ class _Shape:
     least_height: float
     largest_length: float
     glows: bool
+    area_before: NDArray[np.float64]
+    area: float
     cause: NDArray[np.int8] | None = None
     places: set[bytes] = field(default_factory=set)
 
@@ -71,6 +75,7 @@ class Standing:
 
     Attributes:
         matrix, normal_matrix, mirrored: as of Instances.
+        area_scale: as of Instances.
         cause: why each triangle is dropped, int8, shape [F].
         alike: whether the very triangles are dropped that are dropped of the shape's other instances.
     """
@@ -79,6 +84,7 @@ class Standing:
     matrix: NDArray[np.float64]
     normal_matrix: NDArray[np.float64]
     mirrored: bool
+    area_scale: float
     cause: NDArray[np.int8]
     alike: bool
 
@@ -87,7 +93,12 @@ class Standing:
         """Of all triangles, shape [F, 3, 3]."""
         return placed_corners(self.matrix, self.mirrored, self.shape.corners)
 
-    def copy(self, material: int, emitter: int) -> Triangles:
+    @property
+    def area(self) -> float:
+        """Of all triangles, by the mean growth of areas."""
+        return self.area_scale * self.shape.area
+
+    def copy(self, material: int, emitter: int, area_before: float) -> Triangles:
         """All triangles, as those of a mesh; ids and colours are given later."""
         shape, count = self.shape, len(self.cause)
         turn = slice(None, None, -1 if self.mirrored else 1)
@@ -99,6 +110,7 @@ class Standing:
             np.full(count, material, np.int32),
             np.full(count, emitter, np.int32),
             np.zeros((0, 3, 3), np.float32),
+            area_before + self.area_scale * shape.area_before,
         )
 
 
@@ -131,7 +143,7 @@ class Stage:
         if not shape.glows and matrix.tobytes() in shape.places:
             cause, alike = np.where(cause == KEPT, np.int8(DUPLICATE), cause), False
         shape.places.add(matrix.tobytes())
-        return Standing(shape, matrix, normal_matrix, instance.mirrors, cause, alike)
+        return Standing(shape, matrix, normal_matrix, instance.mirrors, _area_scale(matrix), cause, alike)
 
 
 def choose(meshes: Sequence[Solid], standing: Sequence[Standing | None], instancing: Instancing) -> list[bool]:
@@ -157,28 +169,30 @@ def choose(meshes: Sequence[Solid], standing: Sequence[Standing | None], instanc
     ]
 
 
-def hold(chosen: Sequence[tuple[Standing, int, int]], colored: bool) -> Instances:
+def hold(chosen: Sequence[tuple[Standing, int, int, float]], colored: bool) -> Instances:
     """Instances as arrays.
 
     Args:
-        chosen: each with the row of its material and the number of its first triangle.
+        chosen: each with the row of its material, the number of its first triangle, and the area before that.
         colored: whether the scene has vertex colours.
     """
     if not chosen:
         return NO_INSTANCES
     numbers: dict[int, int] = {}
     held: list[tuple[_Shape, int]] = []
-    for each, material, _ in chosen:
+    for each, material, *_ in chosen:
         if id(each.shape) not in numbers:
             numbers[id(each.shape)] = len(held)
             held.append((each.shape, material))
     return Instances(
         _joined(held, colored),
-        np.array([numbers[id(each.shape)] for each, _, _ in chosen], np.int32),
-        np.array([base for _, _, base in chosen], np.int32),
-        np.array([each.matrix for each, _, _ in chosen]),
-        np.array([each.normal_matrix for each, _, _ in chosen]),
-        np.array([each.mirrored for each, _, _ in chosen], np.int32),
+        np.array([numbers[id(each.shape)] for each, *_ in chosen], np.int32),
+        np.array([base for _, _, base, _ in chosen], np.int32),
+        np.array([each.matrix for each, *_ in chosen]),
+        np.array([each.normal_matrix for each, *_ in chosen]),
+        np.array([each.mirrored for each, *_ in chosen], np.int32),
+        np.array([before for *_, before in chosen]),
+        np.array([each.area_scale for each, *_ in chosen]),
     )
 
 
@@ -199,6 +213,7 @@ def _joined(held: Sequence[tuple[_Shape, int]], colored: bool) -> Shapes:
         np.concatenate([shape.uvs[rows] for shape, rows in pairs]),
         np.repeat(np.array([material for _, material in held], np.int32), [len(rows) for rows in kept]),
         np.concatenate(colors) if colored else np.zeros((0, 3, 3), np.float32),
+        np.concatenate([shape.area_before[rows] for shape, rows in pairs]),
     )
 
 
@@ -220,7 +235,17 @@ def _read(mesh: Mesh, glows: bool) -> _Shape:
         twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         height = np.nan_to_num(twice / length)
     least, largest = float(height.min(initial=np.inf)), float(np.nan_to_num(length).max(initial=0.0))
-    return _Shape(mesh, corners, normals, uvs, colors, height, length, least, largest, glows)
+    before, area = along_curve(corners)
+    return _Shape(mesh, corners, normals, uvs, colors, height, length, least, largest, glows, before, area)
+
+
+def _area_scale(matrix: NDArray[np.float64]) -> float:
+    """By what a matrix makes areas grow, exactly where it turns and scales alike in all directions."""
+    x, y, z = matrix[:, :3].tolist()
+    volume = (
+        x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2]) + x[2] * (y[0] * z[1] - y[1] * z[0])
+    )
+    return float(abs(volume) ** (2.0 / 3.0))
 
 
 def _normal_matrix(instance: Instance) -> NDArray[np.float64]:

@@ -40,7 +40,7 @@ GUARDS = (
         file="scenes/flat/renderer_space.py",
         prevents="the sign of a rounding is another in other units",
         changes=(("        moved[np.abs(moved) <= NOTHING] = 0.0\n", ""),),
-        tests=("tests/scenes/test_renderer_space.py::test_the_rounding_of_a_difference_is_nothing",),
+        tests=("tests/scenes/flat/test_renderer_space.py::test_the_rounding_of_a_difference_is_nothing",),
     ),
     Guard(
         name="triangles that cannot be rendered are dropped",
@@ -87,7 +87,7 @@ GUARDS = (
         file="scenes/flat/areas.py",
         prevents="lamps of needles have no area, or none that can be trusted",
         changes=(("vertex].T.astype(np.float64) for", "vertex].T for"),),
-        tests=("tests/scenes/test_areas.py::test_areas_of_needles",),
+        tests=("tests/scenes/flat/test_areas.py::test_areas_of_needles",),
     ),
     Guard(
         name="no entities in XML",

@@ -284,6 +284,7 @@ def triangles(count: int, first: int = 0) -> Triangles:
         np.zeros(count, np.int32),
         np.full(count, -1, np.int32),
         np.zeros((0, 3, 3), np.float32),
+        np.zeros(count),
     )
 
 

@@ -64,6 +64,7 @@ def table_of(
         material=np.zeros(count, np.int32),
         emitter=np.repeat(np.arange(-1, len(glows)), [1, *(len(g.corners) for g in glows)]).astype(np.int32),
         colors=np.zeros((0, 3, 3), np.float32),
+        area_before=np.zeros(count),
     )
     meshes = [
         Mesh(f"mesh {i}", np.zeros((0, 3)), np.zeros((0, 3), np.int64), None, None, 0, emission=glow.radiance)

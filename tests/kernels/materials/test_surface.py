@@ -75,6 +75,7 @@ def soup(corners: Wide, normals: Wide | None = None, uvs: Wide | None = None) ->
         material=np.zeros(count, np.int32),
         emitter=np.full(count, -1, np.int32),
         colors=np.zeros((0, 3, 3), np.float32),
+        area_before=np.zeros(count),
     )
 
 

@@ -8,7 +8,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.surface_points import point_counts, reflect_gathered
+from wdpm.kernels.photons.surface_points import points_of, reflect_gathered
 
 Array = NDArray[np.float64]
 
@@ -127,17 +127,16 @@ def test_a_count_that_varies_is_not_too_bright(points: int) -> None:
 
 
 def test_triangles_get_points_by_their_area() -> None:
-    """In sum over many small triangles the count is the area over point_area; each one's is rounded up or down."""
+    """All up to any place of the curve have as many as their area says, and each one's is rounded up or down."""
     rng = np.random.default_rng(5)
     area = rng.exponential(0.3, 20_000)
-    counts = point_counts(area, np.arange(20_000, dtype=np.int32), 1.0)
-    assert np.all((counts == np.floor(area)) | (counts == np.floor(area) + 1))
-    # The golden ratio's sequence is even to about log(n) / n; random areas leave sqrt(n * 1/4 * 1/12) or less.
-    assert abs(counts.sum() - area.sum()) < 5 * np.sqrt(20_000 / 12)
-    same = np.full(1000, 0.05)
-    for start in (0, 12345):
-        runs = point_counts(same, np.arange(start, start + 1000, dtype=np.int32), 1.0)
-        assert abs(runs.sum() - 50) <= 4  # three-distance theorem: runs of equal triangles are counted within a few
+    sums = np.cumsum(area)
+    for point_set in range(4):
+        first, counts = points_of(area, sums - area, 1.0, point_set)
+        assert np.all((counts == np.floor(area)) | (counts == np.floor(area) + 1))
+        assert np.abs(np.cumsum(counts) - sums).max() <= 1.0 + 1e-9
+        assert np.array_equal(first[1:], (first + counts)[:-1])
+        assert not counts[area < 1e-9].any()
 
 
 @pytest.mark.parametrize("larger", [1.0, 1.5, 2.0])

@@ -103,7 +103,7 @@ def test_instances_are_the_copies_that_one_would_write(tmp_path: Path) -> None:
         assert a.shape == b.shape, name
         if name == "normals":  # a mean of normals, which is computed in world space, is turned here
             assert np.abs(a - b).max() < 1e-6
-        elif name != "material":
+        elif name not in ("material", "area_before"):  # the curve goes through a shape as it is in its own space
             np.testing.assert_array_equal(a, b, err_msg=name)
 
 

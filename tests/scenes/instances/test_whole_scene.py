@@ -60,14 +60,20 @@ def test_areas_are_added_as_numpy_adds_those_of_copies(monkeypatch: pytest.Monke
 @pytest.mark.parametrize("most", [7, 1000, 1 << 20])
 def test_areas_of_instances_have_the_bits_of_those_of_copies(most: int) -> None:
     held, copied = both()
-    areas, found = areas_of(held), np.zeros(len(copied.triangles))
+    areas = areas_of(held)
+    found, before = np.zeros(len(copied.triangles)), np.zeros(len(copied.triangles))
     for begin, end in areas.blocks(most):
         assert 0 < end - begin <= most
         assert not found[begin:end].any()
         found[begin:end] = areas.of(begin, end)
+        before[begin:end] = areas.before(begin, end)
     expected = triangle_areas(copied.triangles.positions)
     expected[held.triangles.ids] = 0.0
     np.testing.assert_array_equal(found, expected)
+    expected = copied.triangles.area_before.copy()
+    np.testing.assert_array_equal(held.triangles.area_before, expected[held.triangles.ids])
+    expected[held.triangles.ids] = 0.0
+    np.testing.assert_array_equal(before, expected)
     assert list(areas_of(copied).blocks()) == []
 
 

@@ -30,6 +30,7 @@ def soup(corners: NDArray[np.float32], emitter: list[int], **more: NDArray[np.fl
         material=np.zeros(count, np.int32),
         emitter=np.array(emitter, np.int32),
         colors=more.get("colors", np.zeros((0, 3, 3), np.float32)),
+        area_before=np.zeros(count),
     )
 
 
