@@ -7,7 +7,7 @@ another in memory, and no index can point outside a partition.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -136,34 +136,25 @@ def _triangles(
     apart = [number for number, is_kept in enumerate(kept) if not is_kept]
     sizes = [len(meshes[number].faces) for number in apart]
     colored = any(mesh.colors is not None for mesh in meshes)
-    area_before = AreaBefore()
-    before = np.zeros(len(meshes))
-
-    def parts() -> Iterator[Triangles]:
-        """Of the meshes in their order, noting what area comes before those that stay instances."""
-        for number, mesh in enumerate(meshes):
-            each, emitter = standing[number], emitter_index.get(id(mesh), -1)
-            if each is None:
-                yield _soup(mesh, space, material[number], emitter, area_before)
-                continue
-            before[number] = area_before.step(each.area)
-            if not kept[number]:
-                yield each.copy(material[number], emitter, float(before[number]))
-
-    soup = _joined([meshes[number] for number in apart], parts(), sum(sizes), colored, room)
+    parts = (
+        _soup(meshes[number], space, material[number], emitter_index.get(id(meshes[number]), -1), standing[number])
+        for number in apart
+    )
+    soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored, room)
     cause = _cause(soup, [standing[number] for number in apart], sizes)
     mark_small(cause, [meshes[number] for number in apart], sizes)
     held = _Counter()
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
     counts[apart] = _kept_of_parts(cause, sizes)
     bases = np.cumsum(counts) - counts
+    soup = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
+    _number(soup.ids, bases[apart], counts[apart])
+    before = _tell_area_before(soup, standing, kept, counts.tolist())
     chosen = [
-        (each, material[i], int(bases[i]), float(before[i]))
+        (each, material[i], int(bases[i]), before[i])
         for i, each in enumerate(standing)
         if each and kept[i] and counts[i]
     ]
-    soup = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
-    _number(soup.ids, bases[apart], counts[apart])
     return replace(soup, instances=hold(chosen, colored)), held.dropped_with(cause)
 
 
@@ -173,6 +164,32 @@ def _number(ids: NDArray[np.int32], bases: NDArray[np.int64], counts: NDArray[np
     for base, count in zip(bases.tolist(), counts.tolist(), strict=True):
         ids[first : first + count] = np.arange(base, base + count, dtype=np.int32)
         first += count
+
+
+def _tell_area_before(
+    soup: Triangles, standing: Sequence[Standing | None], kept: Sequence[bool], counts: Sequence[int]
+) -> list[float]:
+    """Tell the triangles of a soup what area comes before them.
+
+    Args:
+        standing, kept, counts: of each mesh, whether it is not in the soup, and how many triangles it has.
+
+    Returns:
+        what comes before each mesh that is an instance.
+    """
+    areas, starts, first = AreaBefore(), [], 0
+    for each, is_kept, count in zip(standing, kept, counts, strict=True):
+        rows = slice(first, first + count)
+        starts.append(areas.step(each.area) if each and count else 0.0)
+        if is_kept:
+            continue
+        if each is None:
+            soup.area_before[rows] = areas.of_mesh(soup.positions[rows])
+        elif count:
+            soup.area_before[rows] = starts[-1] + each.area_before[each.cause == KEPT]
+        let_go(soup.positions[rows], soup.area_before[rows])
+        first += count
+    return starts
 
 
 class _Counter:
@@ -321,21 +338,24 @@ def _with_emission(
     return tuple(joined), chosen
 
 
-def _soup(mesh: Solid, space: RendererSpace, material: int, emitter: int, area_before: AreaBefore) -> Triangles:
-    """A mesh's triangles with their own corners; ids and colours are given later."""
+def _soup(
+    mesh: Solid, space: RendererSpace, material: int, emitter: int, standing: Standing | None = None
+) -> Triangles:
+    """A mesh's triangles with their own corners; what goes by their place among all is given later."""
+    if standing is not None:
+        return standing.copy(material, emitter)
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
-    corners = _corners(mesh, space)
     return Triangles(
         np.zeros(count, dtype=np.int32),
-        corners,
+        _corners(mesh, space),
         _corner_normals(mesh),
         np.zeros((count, 3, 2), dtype=np.float32) if mesh.uvs is None else mesh.uvs.astype(np.float32)[mesh.faces],
         np.full(count, material, dtype=np.int32),
         np.full(count, emitter, dtype=np.int32),
         np.zeros((0, 3, 3), dtype=np.float32),
-        area_before.of_mesh(corners),
+        np.zeros(count),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,6 @@ class _Shape:
         height, length: of each triangle, its least height and its longest side; of all, the least and the largest.
         cause: why each triangle is dropped where the shape stands first, int8, shape [F].
         glows: whether it is a light.
-        area_before, area: of its triangles and of all, by surface_order, float64, shape [F].
     """
 
     mesh: Mesh
@@ -63,10 +63,20 @@ class _Shape:
     least_height: float
     largest_length: float
     glows: bool
-    area_before: NDArray[np.float64]
-    area: float
     cause: NDArray[np.int8] | None = None
     places: set[bytes] = field(default_factory=set)
+
+    @cached_property
+    def kept(self) -> NDArray[np.intp]:
+        """Rows of triangles that are not dropped where the shape stands first."""
+        return np.flatnonzero(self.cause == KEPT)
+
+    @cached_property
+    def along_curve(self) -> tuple[NDArray[np.float64], float]:
+        """What area of it comes before each triangle (surface_order), shape [F], 0 if that is dropped; and its area."""
+        before = np.zeros(len(self.corners))
+        before[self.kept], area = along_curve(self.corners[self.kept])
+        return before, area
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +106,15 @@ class Standing:
     @property
     def area(self) -> float:
         """Of all triangles, by the mean growth of areas."""
-        return self.area_scale * self.shape.area
+        return self.area_scale * self.shape.along_curve[1]
 
-    def copy(self, material: int, emitter: int, area_before: float) -> Triangles:
-        """All triangles, as those of a mesh; ids and colours are given later."""
+    @property
+    def area_before(self) -> NDArray[np.float64]:
+        """What area of it comes before each triangle, shape [F]."""
+        return self.area_scale * self.shape.along_curve[0]
+
+    def copy(self, material: int, emitter: int) -> Triangles:
+        """All triangles, as those of a mesh; what goes by their place among all is given later."""
         shape, count = self.shape, len(self.cause)
         turn = slice(None, None, -1 if self.mirrored else 1)
         return Triangles(
@@ -110,7 +125,7 @@ class Standing:
             np.full(count, material, np.int32),
             np.full(count, emitter, np.int32),
             np.zeros((0, 3, 3), np.float32),
-            area_before + self.area_scale * shape.area_before,
+            np.zeros(count),
         )
 
 
@@ -198,7 +213,7 @@ def hold(chosen: Sequence[tuple[Standing, int, int, float]], colored: bool) -> I
 
 def _joined(held: Sequence[tuple[_Shape, int]], colored: bool) -> Shapes:
     """The arrays of shapes, without what is dropped."""
-    kept = [np.flatnonzero(shape.cause == KEPT) for shape, _ in held]
+    kept = [shape.kept for shape, _ in held]
     white = [np.ones((len(shape.corners), 3, 3), np.float32) if colored else None for shape, _ in held]
     colors = [
         (back if shape.colors is None else shape.colors)[rows]
@@ -213,7 +228,7 @@ def _joined(held: Sequence[tuple[_Shape, int]], colored: bool) -> Shapes:
         np.concatenate([shape.uvs[rows] for shape, rows in pairs]),
         np.repeat(np.array([material for _, material in held], np.int32), [len(rows) for rows in kept]),
         np.concatenate(colors) if colored else np.zeros((0, 3, 3), np.float32),
-        np.concatenate([shape.area_before[rows] for shape, rows in pairs]),
+        np.concatenate([shape.along_curve[0][rows] for shape, rows in pairs]),
     )
 
 
@@ -235,8 +250,7 @@ def _read(mesh: Mesh, glows: bool) -> _Shape:
         twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         height = np.nan_to_num(twice / length)
     least, largest = float(height.min(initial=np.inf)), float(np.nan_to_num(length).max(initial=0.0))
-    before, area = along_curve(corners)
-    return _Shape(mesh, corners, normals, uvs, colors, height, length, least, largest, glows, before, area)
+    return _Shape(mesh, corners, normals, uvs, colors, height, length, least, largest, glows)
 
 
 def _area_scale(matrix: NDArray[np.float64]) -> float:
