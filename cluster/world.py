@@ -147,7 +147,7 @@ NO_REGIONS: NDArray[np.float32] = np.empty((0, 2, 3), np.float32)
 """Of maps that are built of all photons."""
 
 
-START_NUMBERS = 5
+START_NUMBERS = 6
 """Numbers that a photon sets out by (kernels.lights.steering)."""
 
 STEERING_LEVELS = 20
@@ -189,6 +189,7 @@ class Emission:
         target_center: spheres that hold all surfaces with a glossy part, float32, shape [S, 3].
         target_radius: float32, shape [S].
         steering: of photons of the global pass.
+        caustic_steering: of the caustic pass.
     """
 
     share: NDArray[np.float64]
@@ -196,6 +197,7 @@ class Emission:
     target_center: NDArray[np.float32]
     target_radius: NDArray[np.float32]
     steering: Steering = NO_STEERING
+    caustic_steering: Steering = NO_STEERING
 
 
 @dataclass(frozen=True, eq=False)

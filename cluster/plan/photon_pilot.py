@@ -69,6 +69,7 @@ class PhotonPilot:
         photons: of each map, by the numbers of kernels.photons.deposits, in the order of the photons' own.
         left: second moment of its paths' use, of that unsteered (plan.steering); 1 where photons are not to be steered,
             None where that is not known yet.
+        caustics_left: the same of what paths of the caustic pass store.
     """
 
     settings: RenderSettings
@@ -76,6 +77,7 @@ class PhotonPilot:
     worker: CellWorker
     photons: list[Arrays]
     left: float | None = None
+    caustics_left: float = 1.0
     _trees: dict[int, AmongPhotons] = field(default_factory=dict, init=False, repr=False)
     _flux: list[NDArray[np.float64]] = field(default_factory=list, init=False, repr=False)
     _direct: list[tuple[Arrays, int]] = field(default_factory=list, init=False, repr=False)
@@ -200,12 +202,14 @@ def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
     return _by_map(landed)
 
 
-def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:
+def flown_again(
+    flat: FlatScene, world: World, pilot: PhotonPilot, left: float, caustics_left: float = 1.0
+) -> PhotonPilot:
     """The pilot in a world in which photons are shared out and steered as they are to be, which leaves so much."""
     pilot.worker.adopt(world)
     photons = flown_photons(pilot.worker)
     flat.triangles.let_go()
-    return PhotonPilot(pilot.settings, pilot.paths, pilot.worker, photons, left)
+    return PhotonPilot(pilot.settings, pilot.paths, pilot.worker, photons, left, caustics_left)
 
 
 def _affordable_paths(worker: CellWorker, world: World) -> int:

@@ -138,6 +138,7 @@ class Replica:
         scene.lights, scene.textures, scene.media, scene.cells = self.lights, self.textures, self.media, self.cells
         scene.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
         scene.steering = steering.upload(**vars(emission.steering), device=device)
+        scene.caustic_steering = steering.upload(**vars(emission.caustic_steering), device=device)
         scene.cumulative = lights.upload_shares(emission.share, device)
         scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
         self.emit_scene = scene

@@ -1,7 +1,8 @@
 """Photons steered towards where they are of use: the numbers that they set out by, warped.
 
-Whatever shines, a photon's start is a function of five numbers in [0, 1): one chooses the element, two the point on it
-(or where in the scene's silhouette a line of parallel light runs), two the direction. A tree halves this cube again and
+Whatever shines, a photon's start is a function of six numbers in [0, 1): one chooses the element, two the point on it
+(or where in the scene's silhouette a line of parallel light runs), two the direction, and one, in the caustic pass, at
+which target it is aimed. A tree halves this cube again and
 again, and of each node knows the chance of its lower half (hierarchical sample warping, Clarberg et al. 2005): numbers
 that were stratified stay so. A photon of a leaf carries the leaf's volume over its chance, so that the mean is the same
 whatever the tree says, as long as no chance is 0.
@@ -17,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _BELOW_ONE = wp.constant(wp.float64(1 - 2.0**-24))
 
-_Numbers = wp.types.vector(length=5, dtype=wp.float64)
+_Numbers = wp.types.vector(length=6, dtype=wp.float64)
 
 
 @wp.struct
@@ -42,6 +43,7 @@ class StartNumbers:
     element: wp.float64
     point: wp.vec2d
     direction: wp.vec2d
+    target: wp.float64
     weight: wp.float32
 
 
@@ -66,9 +68,10 @@ def upload(
 def steered(steering: wp.ref[Steering], start: StartNumbers) -> StartNumbers:
     """Numbers warped by the tree: down from its root, each half chosen by the number of its axis."""
     one = wp.float64(1.0)
-    inside = _Numbers(start.element, start.point[0], start.point[1], start.direction[0], start.direction[1])
+    point, direction = start.point, start.direction
+    inside = _Numbers(start.element, point[0], point[1], direction[0], direction[1], start.target)
     low = _Numbers()
-    width = _Numbers(one, one, one, one, one)
+    width = _Numbers(one, one, one, one, one, one)
     weight = wp.float64(1.0)
     node = wp.int32(0)
     if steering.count == 0:
@@ -95,5 +98,6 @@ def steered(steering: wp.ref[Steering], start: StartNumbers) -> StartNumbers:
     s.element = low[0]
     s.point = wp.vec2d(low[1], low[2])
     s.direction = wp.vec2d(low[3], low[4])
+    s.target = low[5]
     s.weight = wp.float32(weight)
     return s

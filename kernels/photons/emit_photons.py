@@ -33,7 +33,7 @@ class EmitScene:
 
     Attributes:
         targets: what the caustic pass aims at.
-        steering: of the global pass.
+        steering, caustic_steering: of each pass.
         cumulative, caustic_cumulative: shares of the light elements up to and with each, by pass.
     """
 
@@ -43,6 +43,7 @@ class EmitScene:
     cells: Cells
     targets: Targets
     steering: Steering
+    caustic_steering: Steering
     cumulative: wp.array[wp.float64]
     caustic_cumulative: wp.array[wp.float64]
 
@@ -71,14 +72,15 @@ def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: w
 
 
 @wp.func
-def start_numbers(steering: wp.ref[Steering], index: wp.uint32, streams: wp.uint32, aimed: wp.int32) -> StartNumbers:
-    """The numbers that a path begins with; the caustic pass is aimed by other means, and not steered."""
+def start_numbers(steering: wp.ref[Steering], index: wp.uint32, streams: wp.uint32) -> StartNumbers:
+    """The numbers that a path begins with."""
     s = StartNumbers()
     s.element = sample_1d(index, dimension_of(streams, 0))
     s.point = wp.vec2d(sample_2d(index, dimension_of(streams, 1)))
     s.direction = wp.vec2d(sample_2d(index, dimension_of(streams, 2)))
+    s.target = sample_1d(index, dimension_of(streams, 3))
     s.weight = 1.0
-    if aimed == 0 and steering.count > 0:
+    if steering.count > 0:
         s = steered(steering, s)
     return s
 
@@ -87,16 +89,22 @@ def start_numbers(steering: wp.ref[Steering], index: wp.uint32, streams: wp.uint
 def numbers_of_paths(
     steering: Steering,
     seed: wp.uint32,
+    purpose: wp.uint32,
     offset: wp.int32,
     numbers_out: wp.array2d[wp.float64],
 ) -> None:
-    """The numbers that the first paths of the global pass begin with, shape [paths, 5]."""
+    """The numbers that the first paths of a pass begin with, shape [paths, 6].
+
+    Args:
+        purpose: of the pass's random numbers.
+    """
     i = offset + wp.tid()
-    s = start_numbers(steering, wp.uint32(i), path_streams(seed, PURPOSE_EMISSION, wp.int64(i)), 0)
+    s = start_numbers(steering, wp.uint32(i), path_streams(seed, purpose, wp.int64(i)))
     numbers_out[i, 0] = s.element
     for axis in range(2):
         numbers_out[i, 1 + axis] = s.point[axis]
         numbers_out[i, 3 + axis] = s.direction[axis]
+    numbers_out[i, 5] = s.target
 
 
 @functools.cache
@@ -121,7 +129,11 @@ def make_emit_photons(features: Features) -> wp.Kernel:
             aimed = 1
         index = wp.uint32(number)
         streams = path_streams(orders.seed, purpose, number)
-        start = start_numbers(scene.steering, index, streams, aimed)
+        start = StartNumbers()
+        if aimed == 1:
+            start = start_numbers(scene.caustic_steering, index, streams)
+        else:
+            start = start_numbers(scene.steering, index, streams)
         emitted = emit(
             scene.lights,
             scene.textures,
@@ -131,7 +143,7 @@ def make_emit_photons(features: Features) -> wp.Kernel:
             start.element,
             wp.vec2(rounded_down(start.point[0]), rounded_down(start.point[1])),
             wp.vec2(rounded_down(start.direction[0]), rounded_down(start.direction[1])),
-            wp.float32(sample_1d(index, dimension_of(streams, 3))),
+            wp.float32(start.target),
         )
         p = without_hit(new_photon(path, orders.seed))
         p.edges = 1

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from furnaces import quad, scene, view
 
+from wdpm.scenes.model.bsdfs import Conductor
 from wdpm.scenes.model.lights import DirectionalLight, Environment
-from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.scene import Material, Mesh, Scene
 
 ALBEDO = (0.6, 0.5, 0.4)
 
@@ -82,3 +83,13 @@ def hut_on_a_field(size: tuple[int, int] = (32, 24)) -> Scene:
         *_both((1, 0, -1), (0, 0, 2), (0, 2, 0)),
     ]
     return replace(scene(walls, camera, (0.5, 0.5, 0.5)), lights=(SUN,))
+
+
+def hut_before_a_mirror(size: tuple[int, int] = (32, 24)) -> Scene:
+    """The same on a field that is a mirror: of the sun on it, a two-hundredth part comes into the hut."""
+    hut = hut_on_a_field(size)
+    field, *others = hut.meshes
+    mirror = Material("mirror", Conductor())
+    return replace(
+        hut, meshes=(replace(field, material=len(hut.materials)), *others), materials=(*hut.materials, mirror)
+    )

@@ -26,7 +26,9 @@ from wdpm.scenes.model.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("small_pilot")
 
-FEW = RenderSettings(photons=2000, caustic_photons=1000, volume_photons=2000, spp=2, k=20, caustic_k=10)
+FEW = RenderSettings(
+    photons=2000, caustic_photons=1000, caustic_radius=0.5, volume_photons=2000, spp=2, k=20, caustic_k=10
+)
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,8 @@ def test_partition_threads_buckets_and_order_change_no_bit(
     order = random.Random(cells) if cells > 2 else None
     image = render_in_process(CASES[name].scene, chosen, workers=workers, cells=cells, threads=threads, shuffle=order)
     assert same_bits(image, reference)
-    assert len(np.unique(image.layers["cell"])) > 1
+    if cells == 8:  # of fewer, one may have all that the camera sees
+        assert len(np.unique(image.layers["cell"])) > 1
     for of_map in ("photons", "caustics", "volume"):
         assert image.metadata["report"][of_map] == reference.metadata["report"][of_map]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from digests import alone, same_bits
-from window_room import hut_on_a_field
+from window_room import hut_before_a_mirror, hut_on_a_field
 
 import wdpm
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
@@ -62,3 +62,11 @@ def test_photons_of_another_camera_are_not_kept(reference: Image) -> None:
     for frame, expected in zip(frames, (reference, alone(moved, STEERED), reference), strict=True):
         assert same_bits(frame, expected)
         assert any("photons steered" in line for line in frame.metadata["report"]["chose"])
+
+
+def test_steered_caustics_have_the_same_bits_in_cells_and_by_threads() -> None:
+    what, chosen = hut_before_a_mirror((16, 12)), replace(STEERED, caustic_photons=2000)
+    reference = alone(what, chosen)
+    assert any("caustic photons steered" in line for line in reference.metadata["report"]["chose"])
+    image = render_in_process(what, replace(chosen, bucket=8), workers=3, cells=8, threads=2, shuffle=random.Random(8))
+    assert same_bits(image, reference)

@@ -21,9 +21,11 @@ from wdpm.cluster.plan.guide_pilot import pilot_scene, places_of_paths
 from wdpm.cluster.plan.light_shares import measured_emission
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, flown_again, photons_with_direct
 from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
+from wdpm.cluster.plan.steering.caustics import steered_caustics
 from wdpm.cluster.plan.steering.tree import Array, Known
-from wdpm.cluster.world import NO_STEERING, START_NUMBERS, Emission, View, World
+from wdpm.cluster.world import NO_STEERING, START_NUMBERS, Emission, Steering, View, World
 from wdpm.kernels.lights import steering
+from wdpm.kernels.maths.random import PURPOSE_EMISSION
 from wdpm.kernels.photons.deposits import GLOBAL_MAP
 from wdpm.kernels.photons.emit_photons import numbers_of_paths
 from wdpm.kernels.photons.flight import BOUNCE_BITS
@@ -70,21 +72,30 @@ def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View) -> PhotonPilo
         view: which the replica of the pilot's worker has from now on.
     """
     pilot.worker.set_view(view)
-    world = pilot.world
-    if pilot.left is not None or not world.global_map.paths or calls_for_media(flat):
+    if pilot.left is not None or calls_for_media(flat):
         return pilot
-    if pilot.settings.unsteered or len(pilot.photons[GLOBAL_MAP]["id"]) > INDOORS * pilot.paths:
+    if pilot.settings.unsteered:
         return pilot.as_it_is()
-    places = _lighting_places(flat, pilot, view)
-    emission = measured_emission(world, pilot.flux_by_light())
+    world = replace(pilot.world, emission=measured_emission(pilot.world, pilot.flux_by_light()))
+    known, caustics = _steered(flat, world, pilot, view), steered_caustics(world, pilot)
+    if not (len(known.tree) or len(caustics.tree)):
+        return pilot.as_it_is()
+    emission = replace(world.emission, steering=known.tree, caustic_steering=caustics.tree)
+    return flown_again(flat, replace(world, emission=emission), pilot, known.left, caustics.left)
+
+
+def _steered(flat: FlatScene, world: World, pilot: PhotonPilot, view: View) -> Known:
+    """How photons of the global map are steered; nothing known where that does not pay."""
     known = Known()
-    if len(places.weight) >= LEAST_PLACES:
-        known.add(NO_STEERING, *_flown(replace(world, emission=emission), pilot, places, FIRST_PATHS))
-        if known.share_of_use() <= FEW:
-            known = _learnt(replace(world, emission=emission), pilot, places)
-    if known.left > WORTH:
-        return pilot.as_it_is()
-    return flown_again(flat, replace(world, emission=replace(emission, steering=known.tree)), pilot, known.left)
+    if not world.global_map.paths or len(pilot.photons[GLOBAL_MAP]["id"]) > INDOORS * pilot.paths:
+        return known
+    places = _lighting_places(flat, pilot, view)
+    if len(places.weight) < LEAST_PLACES:
+        return known
+    known.add(NO_STEERING, *_flown(world, pilot, places, FIRST_PATHS))
+    if known.share_of_use() <= FEW:
+        known = _learnt(world, pilot, places)
+    return known if known.left <= WORTH else Known()
 
 
 def _learnt(world: World, pilot: PhotonPilot, places: _Places) -> Known:
@@ -100,20 +111,29 @@ def _learnt(world: World, pilot: PhotonPilot, places: _Places) -> Known:
 
 def steering_in_words(pilot: PhotonPilot) -> tuple[str, ...]:
     """What was chosen, for people; nothing where photons are not steered."""
-    tree = pilot.world.emission.steering
-    if not len(tree) or pilot.left is None:
-        return ()
-    parts = int((tree.lower == 0).sum())
-    return (
-        f"photons steered among {parts} parts of what lights send out, which leaves {pilot.left:.2g} of the second "
-        "moment of what they bring to where it is of use",
-    )
+    emission, words = pilot.world.emission, []
+    if len(emission.steering) and pilot.left is not None:
+        words.append(
+            f"photons steered among {_parts(emission.steering)} parts of what lights send out, which leaves "
+            f"{pilot.left:.2g} of the second moment of what they bring to where it is of use"
+        )
+    if len(emission.caustic_steering):
+        words.append(
+            f"caustic photons steered among {_parts(emission.caustic_steering)} parts, which leaves "
+            f"{pilot.caustics_left:.2g} of the second moment of what paths store"
+        )
+    return tuple(words)
+
+
+def _parts(tree: Steering) -> int:
+    return int((tree.lower == 0).sum())
 
 
 def emission_of(pilot: PhotonPilot) -> Emission:
     """How a render's photons are shared out, and steered."""
-    if len(pilot.world.emission.steering):
-        return pilot.world.emission
+    emission = pilot.world.emission
+    if len(emission.steering) or len(emission.caustic_steering):
+        return emission
     return measured_emission(pilot.world, pilot.flux_by_light())
 
 
@@ -151,6 +171,7 @@ def _flown(world: World, pilot: PhotonPilot, places: _Places, count: int) -> tup
         count,
         steering=steering.upload(**vars(world.emission.steering), device=launcher.device),
         seed=wp.uint32(world.seed),
+        purpose=PURPOSE_EMISSION,
         numbers_out=numbers,
     )
     return numbers.numpy(), _use(pilot, photons, places, count)

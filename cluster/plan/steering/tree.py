@@ -34,7 +34,7 @@ UNSTEERED = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What some paths tell.
+    """What the paths of use, among some, tell.
 
     Attributes:
         numbers: that they set out by, shape [paths, START_NUMBERS].
@@ -44,13 +44,24 @@ class Sample:
     numbers: Array
     square: Array
 
-    def some(self, chosen: NDArray[np.bool_]) -> Sample:
-        """Some of them, which stand for all."""
-        return Sample(self.numbers[chosen], self.square[chosen] / float(chosen.mean()))
+    def half(self, chosen: NDArray[np.bool_]) -> Sample:
+        """Those among half of the paths, which stand for all."""
+        return Sample(self.numbers[chosen], 2.0 * self.square[chosen])
 
     def moment(self, steering: Steering) -> float:
         """Second moment of their use, were they steered so."""
         return float((self.square * weights(steering, self.numbers)).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Paths that a tree has steered: how many, and of those that are of use number in the round, numbers and square."""
+
+    tree: Steering
+    paths: int
+    which: NDArray[np.intp]
+    numbers: Array
+    square: Array
 
 
 class Known:
@@ -63,17 +74,24 @@ class Known:
 
     def __init__(self) -> None:
         self.tree, self.left = NO_STEERING, 1.0
-        self._rounds: list[tuple[Steering, Array, Array]] = []
+        self._rounds: list[_Round] = []
+
+    @property
+    def of_use(self) -> int:
+        """How many paths were."""
+        return sum(len(each.which) for each in self._rounds)
 
     def add(self, tree: Steering, numbers: Array, use: Array) -> None:
         """Know a round of paths that a tree has steered, and of what use each was."""
-        self._rounds.append((tree, numbers, (use / weights(tree, numbers)) ** 2))
+        which = np.flatnonzero(use > 0)
+        square = (use[which] / weights(tree, numbers[which])) ** 2
+        self._rounds.append(_Round(tree, len(use), which, numbers[which], square))
 
     def share_of_use(self) -> float:
         """Part of the paths, all of the same use, that would do as well."""
-        square = self._sample().square
-        whole = float(square.mean())
-        return float(np.sqrt(square).mean()) ** 2 / whole if whole > 0 else 1.0
+        square, paths = self._sample().square, sum(each.paths for each in self._rounds)
+        whole = float(square.sum()) / paths
+        return (float(np.sqrt(square).sum()) / paths) ** 2 / whole if whole > 0 else 1.0
 
     def learn(self, least: float) -> bool:
         """Learn a tree from all that is known, if what it leaves is no more than a part of what the present one does.
@@ -82,8 +100,8 @@ class Known:
         """
         sample = self._sample()
         tree = learn(sample)
-        even = np.arange(len(sample.square)) % 2 == 0
-        judges, taught = sample.some(~even), learn(sample.some(even))
+        even = np.concatenate([each.which for each in self._rounds]) % 2 == 0
+        judges, taught = sample.half(~even), learn(sample.half(even))
         before, left, plain = (judges.moment(tree) for tree in (self.tree, taught, NO_STEERING))
         if not len(taught) or not len(tree) or not plain or left > least * before:  # no judge may be of use
             return False
@@ -91,12 +109,12 @@ class Known:
         return True
 
     def _sample(self) -> Sample:
-        """All paths, of the density that all rounds have together (the balance heuristic)."""
-        numbers = np.concatenate([numbers for _, numbers, _ in self._rounds])
+        """All paths of use, of the density that all rounds have together (the balance heuristic)."""
+        numbers = np.concatenate([each.numbers for each in self._rounds])
         density = np.zeros(len(numbers))
-        for tree, own, _ in self._rounds:
-            density += len(own) / weights(tree, numbers)
-        return Sample(numbers, np.concatenate([square for _, _, square in self._rounds]) / density)
+        for each in self._rounds:
+            density += each.paths / weights(each.tree, numbers)
+        return Sample(numbers, np.concatenate([each.square for each in self._rounds]) / density)
 
 
 def learn(sample: Sample) -> Steering:

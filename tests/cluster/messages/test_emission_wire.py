@@ -39,7 +39,7 @@ def test_a_tree_travels(changes: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"axis": 5}, "axis is 0 to 5"),
+        ({"axis": 6}, "axis is 0 to 6"),
         ({"lower": 2}, "does not come before its halves"),
         ({"lower": -1}, "does not come before its halves"),
         ({"split": 1.0}, "split is not between"),

@@ -6,21 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from window_room import hut_on_a_field
+from window_room import hut_before_a_mirror, hut_on_a_field
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
 from wdpm.cluster.plan.render_plan import make_render_plan
+from wdpm.cluster.plan.steering.caustics import FEW
 from wdpm.cluster.plan.steering.pilot import WORTH, emission_of, steered_pilot, steering_in_words
 from wdpm.cluster.plan.steering.tree import UNSTEERED, Known, Sample, learn, weights
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.cluster.world import NO_STEERING, START_NUMBERS
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.deposits import GLOBAL_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.scene import Material, Scene
 
 PHOTONS = RenderSettings(integrator=Integrator.PHOTONS, spp=4, photons=20_000)
 
@@ -100,6 +102,29 @@ def test_on_a_field_photons_are_steered_into_the_hut_and_carry_the_same_light() 
     assert within[1][0] > 10 * within[0][0]
     noise = 1.0 / np.sqrt(within[0][0])
     assert within[1][1] == pytest.approx(within[0][1], rel=4.0 * noise)
+
+
+def test_of_the_sun_on_a_mirror_photons_are_steered_to_what_it_throws_it_on_and_carry_the_same_light() -> None:
+    what = hut_before_a_mirror()
+    flat, steered = flatten(what), flown(what)
+    plain = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", 1))
+    assert steered.caustics_left < 0.2
+    assert "caustic photons steered" in steering_in_words(steered)[-1]
+    few, many = (pilot.photons[CAUSTIC_MAP] for pilot in (plain, steered))
+    assert len(many["id"]) > 8 * len(few["id"]) > 0
+    flux = [photons["flux"].sum() / pilot.paths for photons, pilot in ((few, plain), (many, steered))]
+    assert flux[1] == pytest.approx(flux[0], rel=4.0 / np.sqrt(len(few["id"])))
+
+
+def test_caustics_that_most_paths_find_are_not_steered() -> None:
+    room = cornell_box((32, 32))
+    floor = next(mesh for mesh in room.meshes if "floor" in mesh.name)
+    mirror = replace(floor, material=len(room.materials))
+    meshes = tuple(mirror if mesh is floor else mesh for mesh in room.meshes)
+    pilot = flown(replace(room, meshes=meshes, materials=(*room.materials, Material("mirror", Conductor()))))
+    assert len(pilot.photons[CAUSTIC_MAP]["id"]) > FEW * pilot.paths
+    assert pilot.caustics_left == 1.0
+    assert not len(emission_of(pilot).caustic_steering)
 
 
 def test_who_asks_for_no_steering_has_none() -> None:
