@@ -78,6 +78,7 @@ class CameraPaths:
         self.gathering.begin_view()
         self.final_gather.begin_view()
         self._launches.begin_view(self._scene)
+        self.within.begin_view()
 
     def forget_photons(self) -> None:
         """Let go of what is made of photons."""

@@ -215,6 +215,22 @@ def test_camera_rays_go_on_from_cell_to_cell(monkeypatch: pytest.MonkeyPatch) ->
     assert 0 < hits < sum(set_out)
 
 
+def test_lists_are_kept_from_launch_to_launch_and_what_was_written_is_copied(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[object] = []
+    lists = WithinCell._lists_for
+
+    def remember(*args: Any) -> Any:
+        made.append(lists(*args))
+        return made[-1]
+
+    monkeypatch.setattr(WithinCell, "_lists_for", remember)
+    launched = remembered(monkeypatch)
+    assert same_bits(divided(SCENES["diffuse"], PATH), alone(SCENES["diffuse"], PATH))
+    assert len({id(one) for one in made}) < len(made) / 2
+    paths = [one.paths["origin"] for one in launched if one is not None and len(one.paths["origin"])]
+    assert not any(np.may_share_memory(one, other) for number, one in enumerate(paths) for other in paths[:number])
+
+
 def test_what_guards_count_is_found_vertex_by_vertex(monkeypatch: pytest.MonkeyPatch) -> None:
     corners = np.array([[-0.5, 0.0, -0.5], [-0.5, 0.0, 0.5], [0.5, 0.0, 0.5], [0.5, 0.0, -0.5]])
     floor = Mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]]), None, None, 0)

@@ -28,6 +28,9 @@ FEW_TO_FOLLOW = 1 << 13
 """Rays that come by a cell and are followed in the order in which they came. So few would find little more in the
 processor's caches in the order of what they meet, and a launch and a batch that this takes cost more."""
 
+MOST_KEPT = 1 << 16
+"""Paths of a chunk whose lists are kept for the next launch: twice as many as come at once as a rule."""
+
 ROOM_VERTICES = 2
 """Vertices of each path that lists have room for, before paths go on in another launch. Pages that nothing is written
 to are no memory."""
@@ -64,6 +67,11 @@ class WithinCell:
     def __init__(self, cell: int, launches: TraceLaunches) -> None:
         self._cell = cell
         self._launches = launches
+        self._lists: dict[int, tuple[dict[str, int], Any]] = {}  # by number of the chunk: their room, and themselves
+
+    def begin_view(self) -> None:
+        """Let go of lists of the view before."""
+        self._lists.clear()
 
     @property
     def can_be(self) -> bool:
@@ -107,7 +115,7 @@ class WithinCell:
                 "gathered": 0 if first else size,
                 "pixels": 0 if together is None else (size + 1) // 2,
             }
-            made = columns.empty_nested(leaving.Leaving, rows, device)
+            made = self._lists_for(len(chunks), rows, device)
             chunks.append((start, made))
             return {"leaving_out": made}
 
@@ -136,6 +144,24 @@ class WithinCell:
         pixels = {} if together is None else told_of("pixels", int(indirect_light.PIXELS_DONE))
         return FollowedPaths(parts, left_shots, left_paths, gathered, of_first, pixels, counts)
 
+    def _lists_for(self, chunk: int, rows: dict[str, int], device: str) -> Any:
+        """Lists with room for so many items at least (kernels.whole_samples.leaving.Leaving), of no particular value.
+
+        Those of the launch before, where they are long enough: what is written there has been copied. Most of a list
+        stays empty, but memory that is new costs as much as if it were full: the system clears it by megabytes.
+
+        Args:
+            chunk: number of the chunk among those that run at once.
+        """
+        room, kept = self._lists.get(chunk, ({}, None))
+        if kept is not None and all(room[name] >= count for name, count in rows.items()):
+            return kept
+        if rows["paths"] > MOST_KEPT:
+            return columns.empty_nested(leaving.Leaving, rows, device)
+        room = {name: max(count, room.get(name, 0)) for name, count in rows.items()}
+        self._lists[chunk] = room, columns.empty_nested(leaving.Leaving, room, device)
+        return self._lists[chunk][1]
+
 
 _LISTS = {
     "parts": int(indirect_light.TOLD),
@@ -151,7 +177,7 @@ def _written(items: Any, start: int, count: int) -> Arrays:
     Args:
         start: number of the chunk's first path.
     """
-    arrays = {name: column[:count] for name, column in _all_of(items).items()}
+    arrays = {name: column[:count].copy() for name, column in _all_of(items).items()}
     if start:
         arrays["whose"] = arrays["whose"] + np.int32(start)
     return arrays
