@@ -64,8 +64,9 @@ class Replica:
 
     Args:
         worker: its number.
-        host_cache: what workers on this machine make once for all of them.
+        host_cache: what workers on this machine that hold the same make once for all of them.
         trace_all: traces all photon paths into the only cell: who shares a scene does it where it must go on alone.
+        of_all: what all workers on this machine make once, whatever they hold: textures.
 
     Attributes:
         kernels: compiled for the features of the World and the view's camera.
@@ -94,6 +95,7 @@ class Replica:
         worker: int,
         host_cache: HostCache,
         trace_all: Callable[[], None],
+        of_all: HostCache,
     ) -> None:
         self.world = world
         self.launcher = launcher
@@ -115,7 +117,7 @@ class Replica:
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         outlines = vars(tree.outlines) if len(tree.outlines.first) else None
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device, outlines)
-        (self.textures,) = self.host_cache.get(_textures(lambda: texture.upload(world.textures, device)))
+        (self.textures,) = of_all.get(_textures(lambda: texture.upload(world.textures, device)))
         self.media = medium.upload(world.media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)

@@ -59,7 +59,7 @@ class CellWorker:
         partition: the triangles of each of its cells.
         holders: number of the worker that holds each cell.
         host_cache: what workers on this machine make once for all of them; None where each makes its own. Where the
-            scene is divided, no two hold the same, and each does.
+            scene is divided, no two hold the same but textures, and each makes all others.
     """
 
     def __init__(
@@ -73,8 +73,9 @@ class CellWorker:
     ) -> None:
         self.number = number
         self.holders = tuple(holders)
-        shared = host_cache if host_cache is not None and len(self.holders) == 1 else HostCache()
-        self.replica = Replica(world, launcher, number, shared, _not_held(self._trace_all))
+        of_all = HostCache() if host_cache is None else host_cache
+        of_holders = of_all if len(self.holders) == 1 else HostCache()
+        self.replica = Replica(world, launcher, number, of_holders, _not_held(self._trace_all), of_all)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
