@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.rows import any_of
 from wdpm.cluster.runs import Runs
-from wdpm.cluster.work import guards
+from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
@@ -107,12 +107,12 @@ def start_beams(replica: Replica, runs: Runs, stretches: Any) -> Iterator[Batch]
     if replica.world.volume_map.paths == 0:
         return
     arrays = columns.download(stretches, [*STRETCH, "sample"])
-    chosen, weight = chosen_samples(replica.view, arrays.pop("sample"))
+    weight = weight_of_beams(replica.view, arrays.pop("sample"), arrays["place"])
     lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & any_of(arrays["radiance"])
-    rows = np.flatnonzero(lit & chosen)
+    rows = np.flatnonzero(lit & (weight > 0))
     if not len(rows):
         return
-    arrays["radiance"] = arrays["radiance"] * weight
+    arrays["radiance"] = arrays["radiance"] * weight[:, None]
     beams = {**take(arrays, rows), **{name: np.zeros(len(rows), np.int64) for name in _SUMS}}
     first = next_beam_cells(replica, beams, -1)
     lit_runs = runs.among(rows)
@@ -120,13 +120,29 @@ def start_beams(replica: Replica, runs: Runs, stretches: Any) -> Iterator[Batch]
         yield Batch(Kind.BEAM, cell, lit_runs.among(sent).with_unit(), take(beams, sent))
 
 
-def chosen_samples(view: View | None, sample: NDArray[np.int32]) -> tuple[NDArray[np.bool_], np.float32]:
+def weight_of_beams(view: View | None, sample: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.float32]:
+    """What the light of each stretch counts for; 0 where nobody looks for it.
+
+    Gather rays look for it all: each goes its own way, and those of a record are no samples of a pixel. How many more
+    a record shoots through a stratum goes by what its neighbours brought, and what one in many brought for all would
+    count most where few look.
+
+    Args:
+        sample: that each stretch is of.
+        place: of each, of a part BEAM.
+    """
+    if view is None:
+        raise ValueError("a stretch of a camera ray came before a view was set")
+    chosen, share = chosen_samples(view, sample)
+    weight = np.where(chosen, share, np.float32(0.0))
+    return np.where(parts.is_of_gather_ray(place, view.light_samples), np.float32(1.0), weight)
+
+
+def chosen_samples(view: View, sample: NDArray[np.int32]) -> tuple[NDArray[np.bool_], np.float32]:
     """Which samples look for light in media, for the others of their pixel too, and what theirs counts for.
 
     What a beam brings changes little within a pixel, next to the noise of the photons themselves.
     """
-    if view is None:
-        raise ValueError("a stretch of a camera ray came before a view was set")
     stride = -(-view.spp // view.volume_samples)
     number = sample - view.first_sample
     if len(view.allotment):  # of any run of spp samples, whichever it begins with, as many are chosen

@@ -83,9 +83,15 @@ def _layers(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     part = column - light_samples
     layer = np.where(part < 0, DIRECT_LAYER, _LAYER_OF_PART[np.maximum(part, 0)])
     section = row // int(BOUNCES)
-    indirect = (section == int(SURFACE_SECTION)) & (layer != VOLUME_LAYER)
-    layer = np.where(indirect, INDIRECT_LAYER, layer)
+    layer = np.where(section == int(SURFACE_SECTION), INDIRECT_LAYER, layer)
     return np.where(section == int(MEDIUM_SECTION), VOLUME_LAYER, layer).astype(np.int32)
+
+
+def is_of_gather_ray(place: NDArray[np.int32], light_samples: int) -> NDArray[np.bool_]:
+    """Which places are beyond a diffuse scattering on a surface that was traced."""
+    row = place // np.int32(light_samples + PARTS)
+    beyond: NDArray[np.bool_] = row // np.int32(BOUNCES) == _SURFACE
+    return beyond
 
 
 def part_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:

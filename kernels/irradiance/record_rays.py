@@ -53,6 +53,7 @@ def record_path(
     p.diffuse = 1
     p.medium = medium
     p.origin = leave(sites.position[site], sites.normal[site], offset_min)
+    p.left = sites.normal[site]
     p.direction = direction
     p.anchor = sites.position[site]
     p.throughput = wp.vec3(1.0)
