@@ -93,7 +93,7 @@ def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO, room: Room =
     materials = with_coats(materials)
     textures, emitter_texture = _with_emission(textures, emitters, lights)
     sides = materials.medium[triangles.material] if scene.media else None
-    table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
+    table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides, camera)
     places: list[NDArray[np.floating]] = [table.delta_position[: table.near], camera.to_world[:3, 3]]
     reach = largest_coordinate(triangles)
     triangles.let_go()

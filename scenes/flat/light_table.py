@@ -26,7 +26,7 @@ from wdpm.scenes.model.textures import Texture
 
 if TYPE_CHECKING:
     from wdpm.scenes.flat.arrays import Triangles
-    from wdpm.scenes.model.scene import Solid
+    from wdpm.scenes.model.scene import Camera, Solid
 
 LIGHT_KINDS = {light.KIND.number: light.KIND for light in DELTA_LIGHTS}
 """Kinds of delta lights by their numbers."""
@@ -101,6 +101,7 @@ def tabulate_lights(
     textures: Sequence[Texture],
     lights: Sequence[Light],
     sides: NDArray[np.int32] | None = None,
+    camera: Camera | None = None,
 ) -> LightTable:
     """The table of a scene's lights.
 
@@ -112,6 +113,7 @@ def tabulate_lights(
         lights: in the renderer's space.
         sides: media behind and before each triangle as MaterialTable.medium has them, int32, shape [T, 2]; None in a
             scene without media. They tell which medium a light is in that names none.
+        camera: in the renderer's space. The medium around it is that of all places which no boundary parts from it.
 
     Raises:
         SceneError: more than one environment, one that is too small, a spot's texture that is not in `textures`, or a
@@ -131,7 +133,7 @@ def tabulate_lights(
         [light.power(radius) for light in deltas],
         [math.pi * radius**2 * environment_integral(pixels) for _ in environment],
     ]
-    inside = _Enclosure(triangles, sides)
+    inside = _Enclosure(triangles, sides, camera)
     of_triangles = np.empty(len(rows), np.int32)
     for number, mesh in enumerate(emitters):
         own = np.flatnonzero(emitter == number)
@@ -250,23 +252,35 @@ def _triangle_power(
 
 
 class _Enclosure:
-    """Which medium a place is in: that of the side on which a ray from it meets the nearest boundary."""
+    """Which medium a place is in: that of the side on which a ray from it meets the nearest boundary.
+
+    Outside of all boundaries it is the camera's, if that is there too: in a room full of fog often only the camera
+    names the fog, and photons of a lamp that is in none would fly through it as through air.
+    """
 
     # Any direction serves; one without symmetry meets no edge or plane of a modelled scene by chance.
     _DIRECTION = np.array([0.36371, 0.81649, 0.44833])
 
-    def __init__(self, triangles: Triangles, sides: NDArray[np.int32] | None) -> None:
+    def __init__(self, triangles: Triangles, sides: NDArray[np.int32] | None, camera: Camera | None) -> None:
         rows = np.flatnonzero((sides >= NO_MEDIUM).any(axis=1)) if sides is not None else np.zeros(0, np.intp)
         self._corners = _facing_front(triangles, rows)[0].astype(np.float64)
         self._sides = sides[rows] if sides is not None else np.zeros((0, 2), np.int32)
+        self._outside = NO_MEDIUM
+        if camera is not None and camera.medium is not None and self._side_at(camera.to_world[:3, 3]) is None:
+            self._outside = camera.medium
 
     @property
-    def empty(self) -> bool:
-        """Whether there is no boundary."""
-        return not len(self._corners)
+    def everywhere(self) -> int | None:
+        """The medium of all places, where there is no boundary; else None."""
+        return None if len(self._corners) else self._outside
 
-    def medium_at(self, place: NDArray[np.float32]) -> int:
-        """The medium at a place, NO_MEDIUM outside of all; Möller & Trumbore's test against every boundary."""
+    def medium_at(self, place: NDArray[np.floating]) -> int:
+        """The medium at a place, which may be NO_MEDIUM."""
+        found = self._side_at(place)
+        return self._outside if found is None else found
+
+    def _side_at(self, place: NDArray[np.floating]) -> int | None:
+        """That of a boundary's side that a ray meets; None without one. Möller & Trumbore's test against all."""
         p0 = self._corners[:, 0]
         e1, e2 = self._corners[:, 1] - p0, self._corners[:, 2] - p0
         across = np.cross(self._DIRECTION, e2)
@@ -279,7 +293,7 @@ class _Enclosure:
         t = np.einsum("ij,ij->i", e2, other) * inverse
         hit &= (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (t > 0.0)
         if not hit.any():
-            return NO_MEDIUM
+            return None
         nearest = int(np.argmin(np.where(hit, t, np.inf)))
         behind = determinant[nearest] < 0.0  # the ray leaves through the front: it was behind
         return int(self._sides[nearest, 0 if behind else 1])
@@ -291,8 +305,10 @@ ASKED_OF_A_LAMP = 64
 
 def _mesh_media(mesh: Solid, corners: NDArray[np.float32], inside: _Enclosure) -> NDArray[np.int32]:
     """The medium before each triangle of a glowing mesh: the mesh's own, or what the triangle's middle is in."""
-    if mesh.bounds or mesh.exterior is not None or inside.empty:
+    if mesh.bounds or mesh.exterior is not None:
         return np.full(len(corners), NO_MEDIUM if mesh.exterior is None else mesh.exterior, np.int32)
+    if inside.everywhere is not None:
+        return np.full(len(corners), inside.everywhere, np.int32)
     some = range(0, len(corners), max(1, len(corners) // ASKED_OF_A_LAMP))
     found = [_medium_before(corners[number], inside) for number in some]
     if len(set(found)) > 1:

@@ -14,7 +14,7 @@ from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM
 from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.model.scene import Mesh
+from wdpm.scenes.model.scene import Camera, Mesh
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 
 CORNERS = np.array([[[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 0, 2], [0, 1, 2], [2, 0, 2]]], np.float32)
@@ -153,6 +153,28 @@ def test_the_medium_around_a_light_is_that_of_the_box_that_it_is_in(outwards: bo
     bounding = replace(mesh("lamp"), bounds=True, exterior=5)
     assert table(triangles, [bounding], sides=sides).medium[0] == 5
     assert table(triangles, [mesh("lamp")]).medium[0] == NO_MEDIUM
+
+
+def test_lights_that_no_boundary_parts_from_the_camera_are_in_its_medium() -> None:
+    """A room full of fog, which only the camera names; and the same with a thing in it that holds another medium."""
+    thing = np.array([[[-1, -1, 0], [1, -1, 0], [0, 1, 0]]], np.float32) * np.float32(20.0)
+    corners = np.concatenate([CORNERS, thing]).astype(np.float32)
+    triangles = soup(corners, [0, 0, -1])
+    foggy = Camera(np.eye(4), 40.0, 8, 8, 1e-4, 1e4, medium=4)
+    lights: list[Light] = [PointLight("lamp", (0.1, 0.2, 3.0), (1.0, 1.0, 1.0))]
+    none = np.full((3, 2), SAME_MEDIUM, np.int32)
+    found = table(triangles, [mesh("lamp")], lights, sides=none, camera=foggy)
+    np.testing.assert_array_equal(found.medium, [4, 4, 4])
+    in_air = table(triangles, [mesh("lamp")], lights, sides=none, camera=replace(foggy, medium=None))
+    assert (in_air.medium == NO_MEDIUM).all()
+    walled = none.copy()
+    walled[2] = 2, 3
+    beyond = foggy.to_world.copy()
+    beyond[2, 3] = 1.0
+    moved = replace(foggy, to_world=beyond)
+    assert (table(triangles, [mesh("lamp")], lights, sides=walled, camera=moved).medium == 4).all()
+    under: list[Light] = [PointLight("lamp", (-0.2, -0.4, -0.5), (1.0, 1.0, 1.0))]
+    assert table(triangles, [mesh("lamp")], under, sides=walled, camera=moved).medium[-1] in (2, 3)
 
 
 def test_errors_name_the_light() -> None:
