@@ -209,9 +209,11 @@ def test_a_map_of_fewer_photons_than_were_asked_for_is_gathered_by_a_smaller_k()
 def test_what_no_path_of_the_pilot_scattered_in_is_stored_from_if_it_may_scatter(
     albedo: float, photons: int, made: bool
 ) -> None:
-    thin = Medium("thin", (1e-9,) * 3, (albedo,) * 3)
-    scene = on_a_floor(3.0)
-    scene = replace(scene, media=(thin,), camera=replace(scene.camera, medium=0))  # the light is not in it
+    thin = Medium("thin", (1e-9,) * 3, (albedo,) * 3)  # what left the room would scatter in it sooner or later
+    b = Builder()
+    b.room(Diffuse((0.5, 0.5, 0.5)))
+    b.add("cube", Plastic((0.6, 0.6, 0.6)), cube(), (0.0, -0.4, 0.3), 0.3, 30.0, flat=True)
+    scene = b.scene("closed", camera(medium=0), LIGHT, media=(thin,))
     flat, settings = flatten(scene), replace(SETTINGS, volume_photons=photons)
     pilot = fly_pilot(flat, features_of(flat, settings), settings, Launcher("cpu"))
     assert not len(pilot.photons[2]["id"])
