@@ -54,6 +54,9 @@ LEAST_OTHERS = 4
 BEAM_K = 40
 """Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
 
+BEAM_NEAR = 2.0
+"""Of the scene's extent: how far from its middle volume photons tell of the density of those that are seen."""
+
 BEAM_PILOT = 4096
 """Volume photons of the pilot that the density is told by."""
 
@@ -234,8 +237,15 @@ def _given(settings: RenderSettings, name: str, unit: float) -> float | None:
 
 
 def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:
-    """The radius of beams: that of a ball about the median volume photon that holds BEAM_K photons."""
+    """The radius of beams: that of a ball about the median volume photon that holds BEAM_K photons.
+
+    In fog without bounds most photons of a lamp scatter far from all that there is, and lie far apart there. So those
+    near the scene tell, if they are enough to.
+    """
     position = photons["position"]
+    near = position[(np.abs(position) <= BEAM_NEAR * extent).all(axis=1)]
+    if len(near) > PILOT_K:
+        position, expected = near, expected * len(near) / len(position)
     if len(position) <= PILOT_K or not expected:
         return extent / 16.0
     chosen = np.linspace(0, len(position) - 1, min(BEAM_PILOT, len(position))).astype(np.intp)

@@ -223,6 +223,20 @@ def test_what_no_path_of_the_pilot_scattered_in_is_stored_from_if_it_may_scatter
     assert volume_unit(pilot.photons, maps[2], flat) < 1e-6  # what one of them brings is far above it
 
 
+def test_beams_in_fog_without_bounds_are_as_narrow_as_photons_lie_dense_where_the_scene_is() -> None:
+    """Most photons of the lamp scatter far from it, ten times as far apart as those between it and the floor."""
+    scene = on_a_floor(3.0)
+    scene = replace(scene, media=(Medium("thin", (0.01,) * 3, (0.8,) * 3),), camera=replace(scene.camera, medium=0))
+    flat, settings = flatten(scene), replace(SETTINGS, volume_photons=200_000)
+    pilot = fly_pilot(flat, features_of(flat, settings), settings, Launcher("cpu"))
+    far = np.abs(pilot.photons[2]["position"]).max(axis=1) > 10.0 * flat.extent
+    assert far.mean() > 0.5
+    plan = map_plans(pilot, settings, flat).maps[2]
+    near = np.abs(pilot.photons[2]["position"]).max(axis=1) <= flat.extent
+    in_ball = near.sum() * plan.paths / pilot.paths * plan.radius**3 * np.pi / 6.0  # were they even in the scene's cube
+    assert 10 < in_ball < 400
+
+
 def test_inspect_tells_of_a_map_that_is_not_worth_it() -> None:
     inspection = inspect(alone(), slaves=1, all_effects=True, integrator=Integrator.PHOTONS)
     caustics = next(effect for effect in inspection.effects if effect.name == "caustic photon map")
