@@ -10,15 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import warp as wp
 
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, flown_photons, in_world
+from wdpm.cluster.plan.steering.numbers import start_numbers
 from wdpm.cluster.plan.steering.tree import Array, Known
-from wdpm.cluster.world import START_NUMBERS, MapPlan, World
-from wdpm.kernels.lights import steering
+from wdpm.cluster.world import MapPlan, World
 from wdpm.kernels.maths.random import PURPOSE_CAUSTIC
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP
-from wdpm.kernels.photons.emit_photons import numbers_of_paths
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 
 LEAST_STORED = 8
@@ -70,16 +68,6 @@ def _flown(world: World, pilot: PhotonPilot, count: int) -> tuple[Array, Array]:
     alone = replace(world, global_map=MapPlan(0), caustic_map=MapPlan(count), volume_map=MapPlan(0))
     with in_world(alone, pilot) as worker:
         photons = flown_photons(worker)[CAUSTIC_MAP]
-    launcher = pilot.cell.replica.launcher
-    numbers = wp.empty((count, START_NUMBERS), dtype=wp.float64, device=launcher.device)
-    launcher(
-        numbers_of_paths,
-        count,
-        steering=steering.upload(**vars(world.emission.caustic_steering), device=launcher.device),
-        seed=wp.uint32(world.seed),
-        purpose=PURPOSE_CAUSTIC,
-        numbers_out=numbers,
-    )
     path = photons["id"] >> BOUNCE_BITS
     flux = np.bincount(path, photons["flux"].mean(axis=1, dtype=np.float64), count).astype(np.float64)
-    return numbers.numpy(), flux
+    return start_numbers(pilot, world.emission.caustic_steering, world.seed, PURPOSE_CAUSTIC, count), flux

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
@@ -22,12 +21,11 @@ from wdpm.cluster.plan.light_shares import measured_emission
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, flown_again, photons_with_direct
 from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
 from wdpm.cluster.plan.steering.caustics import steered_caustics
+from wdpm.cluster.plan.steering.numbers import start_numbers
 from wdpm.cluster.plan.steering.tree import Array, Known
-from wdpm.cluster.world import NO_STEERING, START_NUMBERS, Emission, Steering, View, World
-from wdpm.kernels.lights import steering
+from wdpm.cluster.world import NO_STEERING, Emission, Steering, View, World
 from wdpm.kernels.maths.random import PURPOSE_EMISSION
 from wdpm.kernels.photons.deposits import GLOBAL_MAP
-from wdpm.kernels.photons.emit_photons import numbers_of_paths
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
@@ -163,18 +161,8 @@ def _lighting_places(flat: FlatScene, pilot: PhotonPilot, view: View) -> _Places
 
 def _flown(world: World, pilot: PhotonPilot, places: _Places, count: int) -> tuple[Array, Array]:
     """Some paths that set out in a world: by which numbers, shape [paths, START_NUMBERS], and of what use each is."""
-    launcher = pilot.cell.replica.launcher
-    photons = photons_with_direct(world, pilot, count, BOUNCES)
-    numbers = wp.empty((count, START_NUMBERS), dtype=wp.float64, device=launcher.device)
-    launcher(
-        numbers_of_paths,
-        count,
-        steering=steering.upload(**vars(world.emission.steering), device=launcher.device),
-        seed=wp.uint32(world.seed),
-        purpose=PURPOSE_EMISSION,
-        numbers_out=numbers,
-    )
-    return numbers.numpy(), _use(pilot, photons, places, count)
+    use = _use(pilot, photons_with_direct(world, pilot, count, BOUNCES), places, count)
+    return start_numbers(pilot, world.emission.steering, world.seed, PURPOSE_EMISSION, count), use
 
 
 def _use(pilot: PhotonPilot, photons: Arrays, places: _Places, count: int) -> Array:
