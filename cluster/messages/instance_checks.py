@@ -19,7 +19,7 @@ SHAPES_OF_INSTANCES: dict[type, dict[str, Shape]] = {
         "uvs": ("triangles", 3, 2),
         "material": ("triangles",),
         "colors": ("colored", 3, 3),
-        "area_before": ("triangles",),
+        "share_before": ("triangles",),
     },
     Instances: {
         "shape": ("instances",),
@@ -28,7 +28,7 @@ SHAPES_OF_INSTANCES: dict[type, dict[str, Shape]] = {
         "normal_matrix": ("instances", 3, 3),
         "mirrored": ("instances",),
         "area_before": ("instances",),
-        "area_scale": ("instances",),
+        "area": ("instances",),
     },
 }
 """Shapes of arrays by class and field, as checks.SHAPES."""
@@ -41,7 +41,8 @@ def check_shapes(shapes: Shapes, where: str) -> None:
     require(len(shapes.colors) in (0, count), where, f"colours of {len(shapes.colors)} triangles; there are {count}")
     sound = np.isfinite(shapes.corners).all() and np.isfinite(shapes.normals).all()
     require(bool(sound), where, "corners or normals that are not finite")
-    check_area_before(shapes.area_before, where)
+    within = (shapes.share_before >= 0) & (shapes.share_before <= 1)
+    require(bool(within.all()), where, "share_before is not between 0 and 1")
 
 
 def check_instances(instances: Instances, where: str) -> None:
@@ -52,7 +53,7 @@ def check_instances(instances: Instances, where: str) -> None:
     indices(instances.base, 0, 2**31, f"{where}.base")
     indices(ends, 0, 2**31, f"{where}: last numbers")
     check_area_before(instances.area_before, where)
-    check_area_before(instances.area_scale, where)
+    check_area_before(instances.area, where)
     with np.errstate(all="ignore"):
         size = np.abs(np.linalg.det(instances.matrix[:, :, :3]))
         sound = np.isfinite(instances.matrix).all() and np.isfinite(instances.normal_matrix).all()

@@ -47,9 +47,10 @@ CAUSTIC_MARGIN = 1.25
 since k photons that lie on one side of a disc tell of no density. Where chairs' legs of chrome threw 2,000 photons on a
 floor, the parts of it about them were 10 % too bright with a margin of 2.5."""
 
-PHOTONS_OF_OTHERS = 32
-LEAST_OTHERS = 4
-"""Of so many photons of a pilot one tells the density about another, and at least so many do."""
+PHOTONS_A_NEIGHBOUR = 32
+LEAST_NEIGHBOURS = 4
+"""The density about a photon of the pilot is told by one neighbour for so many photons of its map, and at least by so
+many: a large part of few photons reaches from one patch of light to the next."""
 
 BEAM_K = 40
 """Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
@@ -327,12 +328,8 @@ def _median_radius(pilot: PhotonPilot, number: int, flat: FlatScene) -> float:
 
 
 def _others(stored: int) -> int:
-    """How many others the density about a photon is told by, among so many: few of few, that are near.
-
-    What chairs' legs of chrome throw on a floor lies in patches, and a sixteenth of few photons reaches from one of
-    them to the next.
-    """
-    return min(max(stored // PHOTONS_OF_OTHERS, LEAST_OTHERS), PILOT_K, max(stored - 1, 0))
+    """How many others the density about a photon is told by, among so many."""
+    return min(max(stored // PHOTONS_A_NEIGHBOUR, LEAST_NEIGHBOURS), PILOT_K, max(stored - 1, 0))
 
 
 def _gather_radius(measured: _Measured, number: int, stored: int, k: int, expected: float, extent: float) -> float:

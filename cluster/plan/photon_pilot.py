@@ -202,9 +202,7 @@ def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
     return _by_map(landed)
 
 
-def flown_again(
-    flat: FlatScene, world: World, pilot: PhotonPilot, left: float, caustics_left: float = 1.0
-) -> PhotonPilot:
+def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float, caustics_left: float) -> PhotonPilot:
     """The pilot in a world in which photons are shared out and steered as they are to be, which leaves so much."""
     pilot.worker.adopt(world)
     photons = flown_photons(pilot.worker)

@@ -55,9 +55,9 @@ def _measure(
 @wp.kernel
 def _find_before(
     instances: DeviceInstances,
-    shape_before: wp.array[wp.float64],
+    share_before: wp.array[wp.float64],
     instance_before: wp.array[wp.float64],
-    scale: wp.array[wp.float64],
+    instance_area: wp.array[wp.float64],
     begin: wp.int32,
     first: wp.int32,
     last: wp.int32,
@@ -70,7 +70,7 @@ def _find_before(
     before = wp.float64(0.0)
     if instance >= 0:
         row = instances.first[instance] + begin + i - instances.base[instance]
-        before = instance_before[instance] + scale[instance] * shape_before[row]
+        before = instance_before[instance] + instance_area[instance] * share_before[row]
     before_out[i] = before
 
 
@@ -85,7 +85,7 @@ class InstanceAreas:
         self._base = instances.base.astype(np.int64)
         self._ends = self._base + instances.sizes
         self._uploaded, self._launcher = uploaded, launcher
-        before = instances.shapes.area_before, instances.area_before, instances.area_scale
+        before = instances.shapes.share_before, instances.area_before, instances.area
         self._before = [wp.array(each, dtype=wp.float64, device=launcher.device) for each in before]
 
     def of(self, begin: int, end: int) -> NDArray[np.float64]:
@@ -98,14 +98,14 @@ class InstanceAreas:
     def before(self, begin: int, end: int) -> NDArray[np.float64]:
         """What area comes before each of them (scenes.flat.surface_order), 0 for those of no instance."""
         before = wp.empty(end - begin, dtype=wp.float64, device=self._launcher.device)
-        of_shape, of_instance, scale = self._before
+        share, start, area = self._before
         self._launcher(
             _find_before,
             end - begin,
             **self._range(begin, end),
-            shape_before=of_shape,
-            instance_before=of_instance,
-            scale=scale,
+            share_before=share,
+            instance_before=start,
+            instance_area=area,
             before_out=before,
         )
         areas: NDArray[np.float64] = before.numpy()

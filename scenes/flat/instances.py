@@ -27,7 +27,7 @@ class Shapes:
         uvs: texture coordinates at the corners, float32, shape [G, 3, 2].
         material: index of the material, int32, shape [G].
         colors: linear RGB at the corners, float32, shape [G, 3, 3]; [0, 3, 3] in a scene without vertex colours.
-        area_before: of the shape's triangles, along a curve (surface_order), float64, shape [G].
+        share_before: of the shape's area, what comes before each triangle (surface_order), float64, shape [G].
     """
 
     first: NDArray[np.int32]
@@ -36,7 +36,7 @@ class Shapes:
     uvs: NDArray[np.float32]
     material: NDArray[np.int32]
     colors: NDArray[np.float32]
-    area_before: NDArray[np.float64]
+    share_before: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.first) - 1
@@ -59,7 +59,7 @@ class Instances:
         normal_matrix: what normals are multiplied by, up to their length, float64, shape [I, 3, 3].
         mirrored: 1 where left and right change places, so that corners go the other way round, int32, shape [I].
         area_before: what comes before its triangles, and ...
-        area_scale: ... by what areas grow where it stands, on average over directions, float64, shape [I].
+        area: ... what they have together, about, float64, shape [I].
     """
 
     shapes: Shapes
@@ -69,7 +69,7 @@ class Instances:
     normal_matrix: NDArray[np.float64]
     mirrored: NDArray[np.int32]
     area_before: NDArray[np.float64]
-    area_scale: NDArray[np.float64]
+    area: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.shape)
@@ -125,7 +125,7 @@ class Instances:
             held.uvs[every],
             held.material[every],
             held.colors[every] if len(held.colors) else held.colors,
-            held.area_before[every],
+            held.share_before[every],
         )
         return Instances(
             shapes,
@@ -135,7 +135,7 @@ class Instances:
             self.normal_matrix[chosen],
             self.mirrored[chosen],
             self.area_before[chosen],
-            self.area_scale[chosen],
+            self.area[chosen],
         )
 
 

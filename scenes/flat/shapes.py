@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -33,6 +34,11 @@ class Instancing(Enum):
 
 WORTH_KEEPING = 1 << 18
 """Triangles that are not held, from which on it is worth it: about 100 MB."""
+
+TINY = float(np.finfo(np.float64).tiny)
+
+_NEXT, _LAST = np.array([[1], [2], [0]]), np.array([[2], [0], [1]])
+"""Of three, those that are left out of a cofactor by row, and by column their transposes."""
 
 DOUBTFUL = 2.0**-18
 """Triangles whose height is less, where they stand, or less of their length, might be dropped there: each is looked at.
@@ -73,10 +79,23 @@ class _Shape:
 
     @cached_property
     def along_curve(self) -> tuple[NDArray[np.float64], float]:
-        """What area of it comes before each triangle (surface_order), shape [F], 0 if that is dropped; and its area."""
-        before = np.zeros(len(self.corners))
-        before[self.kept], area = along_curve(self.corners[self.kept])
-        return before, area
+        """What share of its area comes before each triangle (surface_order), shape [F], 0 if it is dropped; and all."""
+        share = np.zeros(len(self.corners))
+        before, area = along_curve(self.corners[self.kept])
+        share[self.kept] = before / area if area > 0.0 else 0.0
+        return share, area
+
+    @cached_property
+    def facing(self) -> NDArray[np.float64]:
+        """Mean of n n', the outer products of its triangles' normals, by their areas, shape [3, 3]."""
+        corners = self.corners[self.kept]
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            twice = np.linalg.norm(across, axis=1)
+            normals = across / twice[:, None]
+        sound = np.isfinite(twice) & np.isfinite(normals).all(axis=1)
+        weights = twice[sound] / max(float(twice[sound].sum()), TINY)
+        return np.einsum("t,ti,tj->ij", weights, normals[sound], normals[sound])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +104,6 @@ class Standing:
 
     Attributes:
         matrix, normal_matrix, mirrored: as of Instances.
-        area_scale: as of Instances.
         cause: why each triangle is dropped, int8, shape [F].
         alike: whether the very triangles are dropped that are dropped of the shape's other instances.
     """
@@ -94,7 +112,6 @@ class Standing:
     matrix: NDArray[np.float64]
     normal_matrix: NDArray[np.float64]
     mirrored: bool
-    area_scale: float
     cause: NDArray[np.int8]
     alike: bool
 
@@ -103,15 +120,21 @@ class Standing:
         """Of all triangles, shape [F, 3, 3]."""
         return placed_corners(self.matrix, self.mirrored, self.shape.corners)
 
-    @property
+    @cached_property
     def area(self) -> float:
-        """Of all triangles, by the mean growth of areas."""
-        return self.area_scale * self.shape.along_curve[1]
+        """Of all triangles, about: as if each grew by the root of the mean of all squared growths.
+
+        A normal n of a unit area becomes one of the cofactors' matrix times n, whose length is the area's growth.
+        """
+        m = self.matrix
+        cofactors = m[_NEXT, _NEXT.T] * m[_LAST, _LAST.T] - m[_NEXT, _LAST.T] * m[_LAST, _NEXT.T]
+        growth = math.sqrt(float(np.sum(cofactors @ self.shape.facing * cofactors)))
+        return growth * self.shape.along_curve[1]
 
     @property
     def area_before(self) -> NDArray[np.float64]:
         """What area of it comes before each triangle, shape [F]."""
-        return self.area_scale * self.shape.along_curve[0]
+        return self.area * self.shape.along_curve[0]
 
     def copy(self, material: int, emitter: int) -> Triangles:
         """All triangles, as those of a mesh; what goes by their place among all is given later."""
@@ -158,7 +181,7 @@ class Stage:
         if not shape.glows and matrix.tobytes() in shape.places:
             cause, alike = np.where(cause == KEPT, np.int8(DUPLICATE), cause), False
         shape.places.add(matrix.tobytes())
-        return Standing(shape, matrix, normal_matrix, instance.mirrors, _area_scale(matrix), cause, alike)
+        return Standing(shape, matrix, normal_matrix, instance.mirrors, cause, alike)
 
 
 def choose(meshes: Sequence[Solid], standing: Sequence[Standing | None], instancing: Instancing) -> list[bool]:
@@ -207,7 +230,7 @@ def hold(chosen: Sequence[tuple[Standing, int, int, float]], colored: bool) -> I
         np.array([each.normal_matrix for each, *_ in chosen]),
         np.array([each.mirrored for each, *_ in chosen], np.int32),
         np.array([before for *_, before in chosen]),
-        np.array([each.area_scale for each, *_ in chosen]),
+        np.array([each.area for each, *_ in chosen]),
     )
 
 
@@ -251,15 +274,6 @@ def _read(mesh: Mesh, glows: bool) -> _Shape:
         height = np.nan_to_num(twice / length)
     least, largest = float(height.min(initial=np.inf)), float(np.nan_to_num(length).max(initial=0.0))
     return _Shape(mesh, corners, normals, uvs, colors, height, length, least, largest, glows)
-
-
-def _area_scale(matrix: NDArray[np.float64]) -> float:
-    """By what a matrix makes areas grow, exactly where it turns and scales alike in all directions."""
-    x, y, z = matrix[:, :3].tolist()
-    volume = (
-        x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2]) + x[2] * (y[0] * z[1] - y[1] * z[0])
-    )
-    return float(abs(volume) ** (2.0 / 3.0))
 
 
 def _normal_matrix(instance: Instance) -> NDArray[np.float64]:

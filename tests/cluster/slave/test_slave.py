@@ -288,6 +288,15 @@ def test_a_triangle_of_an_unknown_material_is_refused() -> None:
     assert "material" in error_of(driver.told(WELCOME, setup(), part(1, held=wrong)))
 
 
+@pytest.mark.parametrize("area", [-1.0, float("nan"), float("inf")])
+def test_an_area_before_a_triangle_that_cannot_be_is_refused(area: float) -> None:
+    driver = Driver()
+    driver(s.Start())
+    wrong = triangles(1)
+    wrong.area_before[0] = area
+    assert "an area before a triangle" in error_of(driver.told(WELCOME, setup(), part(1, held=wrong)))
+
+
 # Work.
 
 

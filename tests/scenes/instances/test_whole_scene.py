@@ -13,7 +13,8 @@ from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.flat.shapes import Instancing
 from wdpm.scenes.flat.whole import area_by_material, positions_of, total_area
-from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.primitives import cube, rectangle, sphere
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Instance, Mesh, Scene, Solid, diffuse
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
@@ -92,3 +93,37 @@ def test_too_many_triangles_stand_as_boxes(monkeypatch: pytest.MonkeyPatch) -> N
     assert len(boxes) < len(exact)
     assert (boxes.min(axis=(0, 1)) <= exact.min(axis=(0, 1))).all()
     assert (boxes.max(axis=(0, 1)) >= exact.max(axis=(0, 1))).all()
+
+
+@pytest.mark.parametrize(
+    ("unit", "factors", "off"),
+    [
+        (1.0, (0.5, 0.5, 0.5), 1e-5),
+        (1e12, (0.5, 0.5, 0.5), 1e-5),
+        (1e-12, (2.0, 2.0, 2.0), 1e-5),
+        (1.0, (2, 1, 0.5), 0.1),
+    ],
+)
+def test_an_instance_has_about_the_area_that_it_has_where_it_stands(
+    unit: float, factors: tuple[float, float, float], off: float
+) -> None:
+    """Whatever unit its shape is in; the mean growth is exact where all areas grow alike."""
+    flat = instance_of(sphere(16), unit, factors)
+    there = triangle_areas(flat.triangles.instances.positions(0)).sum()
+    assert flat.triangles.instances.area[0] == pytest.approx(there, rel=off)
+    assert flat.triangles.instances.shapes.share_before.max() < 1.0
+
+
+def test_what_stretches_a_sheet_across_itself_adds_no_area() -> None:
+    thick, thin = (instance_of(rectangle(), 1.0, (2.0, 1.0, across)) for across in (1e9, 1.0))
+    assert thick.triangles.instances.area[0] == pytest.approx(thin.triangles.instances.area[0])
+
+
+def instance_of(data: MeshData, unit: float, factors: tuple[float, float, float]) -> FlatScene:
+    """A scene of two instances of a mesh whose coordinates are in some unit."""
+    shape = Mesh("shape", data.vertices / unit, data.faces, None, None, 0)
+    places = (translation((3.0 * side, 0, 0)) @ scaling(np.array(factors) * unit) for side in (-1, 1))
+    solids = tuple(Instance(str(number), shape, place) for number, place in enumerate(places))
+    camera = Camera(look_at((0, 0, 9), (0, 0, 0), (0, 1, 0)), 40.0, 8, 8)
+    lights = (PointLight("lamp", (0.0, 5.0, 5.0), (1.0, 1.0, 1.0)),)
+    return flatten(Scene("two", solids, (diffuse("grey"),), lights, camera), Instancing.KEEP)
