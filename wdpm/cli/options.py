@@ -195,7 +195,8 @@ SETTING_OPTIONS = (
     SettingOption(
         "unsteered",
         _QUALITY,
-        "do not steer photons towards what the camera sees; all frames of a sequence are rendered so",
+        "do not steer photons towards what the camera sees, nor towards what makes caustics; all frames of a sequence "
+        "are rendered so",
         None,
     ),
 )
