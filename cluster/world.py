@@ -6,7 +6,6 @@ the World is the same, and renders any number of Views from them.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -277,7 +276,7 @@ class View:
             none, all pixels take `spp`.
         lit_places: where gather rays of irradiance records are worth while.
         outlines: pixels that take some times as many samples as the View or its allotment says.
-        caustic_share: 1 of so many samples of a pixel asks the caustic map, for all of them; a power of two.
+        caustic_share: about 1 of so many samples of a pixel asks the caustic map, for all of them; a power of two.
         caustic_guide: where paths go on from diffuse surfaces to find caustics.
     """
 
@@ -311,4 +310,4 @@ class View:
             return 1, 1
         counts = (self.allotment.first, self.allotment.count) if len(self.allotment) else (self.first_sample, self.spp)
         run = int(np.gcd.reduce([np.gcd.reduce(np.ravel(each)) for each in counts])) or 1
-        return run, run // math.gcd(run, self.caustic_share)
+        return run, -(-run // self.caustic_share)

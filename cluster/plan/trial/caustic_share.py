@@ -78,7 +78,7 @@ def caustic_share(prices: Prices, plans: MapPlans, trial: Trial, settings: Rende
         of_map = error.of(plans.expected[CAUSTIC_MAP], spp // share)
         return (grain + of_map) * prices.of_photons(trial, settings, share)
 
-    few = [share for share in SHARES if spp % share == 0 and share * LEAST_ASKING <= spp]
+    few = [share for share in SHARES if share * LEAST_ASKING <= spp]
     worths = {share: worth(share) for share in few if share * trial.caustic_grain <= MOST_GRAIN * noise}
     if len(worths) < 2:
         return 1
