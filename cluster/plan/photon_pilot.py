@@ -35,13 +35,13 @@ PILOT_PATHS = 1 << 15
 """Paths of the pilot, at most: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
 
 LEAST_PATHS = 1 << 13
-SAMPLES_A_PATH = 8
-"""Camera samples of a pass for each path of its pilot, which has so many paths at least: of each pass they take a tenth
-of what the samples do, and few samples call for no more exact a plan than that."""
+SAMPLES_A_PATH = 32
+"""Camera samples of a pass for each path of its pilot, which has so many paths at least: with all that is flown like it
+they take a twentieth of what the samples do, and few samples call for no more exact a plan than that."""
 
 ENOUGH = 256
 """Photons of a map that are told apart from none: their number is known to a sixteenth. Where a shorter pilot stores
-fewer, all paths are flown."""
+fewer, as many paths are flown as should do."""
 
 PATHS_OF_PAGES = 1 << 9
 """Paths that are traced together where triangles lie in files: all of them look at nearly every page of ten million."""
@@ -156,15 +156,13 @@ def fly_pilot(
         worker = CellWorker(0, world, {0: flat.triangles}, [0], launcher)
     else:
         worker.adopt(world)
-    if calls_for_media(flat) and world.global_map.paths:
-        of_each = _affordable_paths(worker, world)
-        world = with_paths(world, of_each)
-        worker.adopt(world)
-    photons = flown_photons(worker) if of_each == PILOT_PATHS or calls_for_media(flat) else _flown_unless_few(worker)
-    if photons is None:
-        of_each = PILOT_PATHS
-        worker.adopt(with_paths(world, of_each))
+    if calls_for_media(flat):
+        if world.global_map.paths:
+            of_each = _affordable_paths(worker, world)
+            worker.adopt(with_paths(world, of_each))
         photons = flown_photons(worker)
+    else:
+        photons, of_each = _flown_until_enough(worker, world, of_each)
     flat.triangles.let_go()
     return PhotonPilot(settings, of_each, worker, photons)
 
@@ -184,22 +182,33 @@ def with_paths(world: World, of_each: int) -> World:
     return replace(world, global_map=maps[GLOBAL_MAP], caustic_map=maps[CAUSTIC_MAP], volume_map=maps[VOLUME_MAP])
 
 
-def _flown_unless_few(worker: CellWorker) -> list[Arrays] | None:
-    """As flown_photons; None as soon as a map of surfaces is seen to have fewer than tell how many paths store one.
+def _flown_until_enough(worker: CellWorker, world: World, paths: int) -> tuple[list[Arrays], int]:
+    """As flown_photons, and by how many paths of each pass: if those of the worker's world store too few, by more."""
+    while paths < PILOT_PATHS:
+        stored = _fewest_stored(worker)
+        if stored >= ENOUGH:
+            return _by_map(worker.cells[0].store.so_far()), paths
+        times = -(-ENOUGH // max(stored, 1))
+        paths = min(PILOT_PATHS, paths << (times - 1).bit_length())
+        worker.adopt(with_paths(world, paths))
+    return flown_photons(worker), paths
 
-    Photons of one pass come to one map, and those of the global pass are traced first.
+
+def _fewest_stored(worker: CellWorker) -> int:
+    """Trace the worker's paths, and count the photons of the first map that has fewer than ENOUGH; ENOUGH if none has.
+
+    Photons of one pass come to one map. Those of the global pass are traced first, and if they are too few no others.
     """
-    world, store, flown = worker.replica.world, worker.cells[0].store, 0
-    landed = store.so_far()
+    maps, store, flown = worker.replica.world.maps, worker.cells[0].store, 0
     for number in (GLOBAL_MAP, CAUSTIC_MAP):
-        if not world.maps[number].paths:
+        if not maps[number].paths:
             continue
-        _fly(worker, flown + world.maps[number].paths, flown)
-        flown += world.maps[number].paths
-        landed = store.so_far()
-        if np.count_nonzero(landed["map"] == number) < ENOUGH:
-            return None
-    return _by_map(landed)
+        _fly(worker, flown + maps[number].paths, flown)
+        flown += maps[number].paths
+        stored = int(np.count_nonzero(store.so_far()["map"] == number))
+        if stored < ENOUGH:
+            return stored
+    return ENOUGH
 
 
 def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float, caustics_left: float) -> PhotonPilot:

@@ -11,8 +11,8 @@ from wdpm.scenes.flat.flatten import FlatScene
 def used_media(flat: FlatScene) -> NDArray[np.int32]:
     """Numbers of the media that some light may travel in, ascending."""
     bounded = flat.materials.medium[flat.triangles.materials].ravel()
-    around = [] if flat.camera.medium is None else [flat.camera.medium]
-    used = np.unique(np.array([*bounded, *flat.lights.medium, *around], np.int32))
+    around = np.array([-1 if flat.camera.medium is None else flat.camera.medium], np.int32)
+    used = np.unique(np.concatenate([bounded, flat.lights.medium, around]))
     return used[used >= 0]
 
 

@@ -141,7 +141,7 @@ def _worlds(flat: FlatScene, pilot: PhotonPilot) -> list[World]:
     sized[: len(lights.prim)] = True
     if lights.environment_pixels.size:
         sized[-1] = True
-    emission, every = pilot_emission(flat, aimed=True), (sized, ~sized)
+    emission, every = pilot_emission(flat, aimed=True, known=pilot.world.emission), (sized, ~sized)
     worlds = []
     for materials, lamps in zip((flat.materials, rough_alone(flat.materials)), every, strict=True):
         share = np.where(lamps, emission.caustic_share, 0.0)

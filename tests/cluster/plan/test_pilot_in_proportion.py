@@ -24,16 +24,16 @@ from wdpm.scenes.model.scene import Scene
 PHOTONS = RenderSettings(integrator=Integrator.PHOTONS, spp=1)
 
 
-def outside() -> Scene:
+def outside(far: float = 4000.0) -> Scene:
     """The Cornell box, lit from so far outside that hardly a photon comes in."""
     scene = cornell_box((16, 16))
     unlit = tuple(replace(mesh, emission=None) for mesh in scene.meshes)
-    return replace(scene, meshes=unlit, lights=(PointLight("outside", (-4000.0, 278.0, -800.0), (1e7,) * 3),))
+    return replace(scene, meshes=unlit, lights=(PointLight("outside", (-far, 278.0, -800.0), (1e7,) * 3),))
 
 
 @pytest.mark.parametrize(
     ("side", "spp", "paths"),
-    [(16, 1, LEAST_PATHS), (512, 1, PILOT_PATHS), (256, 2, 256 * 256 * 2 // SAMPLES_A_PATH), (256, 16, PILOT_PATHS)],
+    [(16, 1, LEAST_PATHS), (512, 2, 512 * 512 * 2 // SAMPLES_A_PATH), (512, 4, PILOT_PATHS), (256, 16, PILOT_PATHS)],
 )
 def test_paths_go_by_the_samples_of_a_pass(side: int, spp: int, paths: int) -> None:
     flat = flatten(cornell_box((side, side)))
@@ -50,6 +50,14 @@ def test_all_are_flown_where_hardly_any_stores_a_photon() -> None:
     pilot = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", 1))
     assert pilot.paths == pilot.world.global_map.paths == PILOT_PATHS
     assert len(pilot.photons[GLOBAL_MAP]["id"]) < ENOUGH * PILOT_PATHS / LEAST_PATHS
+
+
+def test_as_many_more_are_flown_as_should_store_enough() -> None:
+    flat = flatten(outside(far=300.0))
+    pilot = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", 1))
+    assert LEAST_PATHS < pilot.paths < PILOT_PATHS
+    assert pilot.paths == pilot.world.global_map.paths
+    assert len(pilot.photons[GLOBAL_MAP]["id"]) >= ENOUGH
 
 
 @pytest.mark.parametrize(
