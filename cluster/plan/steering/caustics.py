@@ -28,6 +28,11 @@ FEW = 0.1
 ROUNDS = 6
 """At most, of as many paths as the pilot has."""
 
+SAMPLES_A_PATH = 2
+"""Camera samples of a pass for each path that the rounds take. With fewer the caustic pass itself has hardly more paths
+than they: of a room with 0.1 % of such paths, one to eight samples a pixel had the same error for 0.87 to 0.92 of the
+time without."""
+
 WORTH = 0.5
 """Second moment of what paths store that a tree must leave, of that unsteered. What comes in vain is no noise in a map
 of nearest photons, but for every photon that does not, a thousand paths come in vain."""
@@ -41,15 +46,16 @@ TELLING = 64
 PROMISES = 0.8
 
 
-def steered_caustics(world: World, pilot: PhotonPilot) -> Known:
+def steered_caustics(world: World, pilot: PhotonPilot, samples: int) -> Known:
     """What rounds of paths teach, each steered by what those before have taught; nothing where that does not pay.
 
     Args:
         world: in which photons are shared out among lights as they are to be.
+        samples: that a pass takes of the camera.
     """
     stored = len(pilot.photons[CAUSTIC_MAP]["id"])
     known = Known()
-    if not LEAST_STORED <= stored <= FEW * pilot.paths:
+    if samples < SAMPLES_A_PATH * ROUNDS * pilot.paths or not LEAST_STORED <= stored <= FEW * pilot.paths:
         return known
     for number in range(ROUNDS):
         # By other random numbers than those of the render, whose photons are not to know what they have taught.

@@ -75,7 +75,8 @@ def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View) -> PhotonPilo
     if pilot.settings.unsteered:
         return pilot.as_it_is()
     world = replace(pilot.world, emission=measured_emission(pilot.world, pilot.flux_by_light()))
-    known, caustics = _steered(flat, world, pilot, view), steered_caustics(world, pilot)
+    samples = flat.camera.width * flat.camera.height * pilot.settings.samples_of_pass
+    known, caustics = _steered(flat, world, pilot, view), steered_caustics(world, pilot, samples)
     if not (len(known.tree) or len(caustics.tree)):
         return pilot.as_it_is()
     emission = replace(world.emission, steering=known.tree, caustic_steering=caustics.tree)

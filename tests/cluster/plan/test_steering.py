@@ -9,8 +9,9 @@ import pytest
 from window_room import hut_before_a_mirror, hut_on_a_field
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
+from wdpm.cluster.plan.photon_pilot import LEAST_PATHS, PhotonPilot, fly_pilot
 from wdpm.cluster.plan.render_plan import make_render_plan
+from wdpm.cluster.plan.steering import caustics
 from wdpm.cluster.plan.steering.caustics import FEW
 from wdpm.cluster.plan.steering.pilot import WORTH, emission_of, steered_pilot, steering_in_words
 from wdpm.cluster.plan.steering.tree import UNSTEERED, Known, Sample, learn, weights
@@ -31,6 +32,12 @@ def flown(what: Scene, threads: int = 1) -> PhotonPilot:
     flat = flatten(what)
     pilot = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", threads))
     return steered_pilot(flat, pilot, view_of(flat, PHOTONS, 1))
+
+
+@pytest.fixture
+def whatever_the_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Caustic photons are steered in small images, too."""
+    monkeypatch.setattr(caustics, "SAMPLES_A_PATH", 0)
 
 
 def sample_of(count: int, seed: int = 1) -> Sample:
@@ -104,6 +111,15 @@ def test_on_a_field_photons_are_steered_into_the_hut_and_carry_the_same_light() 
     assert within[1][1] == pytest.approx(within[0][1], rel=4.0 * noise)
 
 
+def test_caustic_photons_of_few_samples_are_not_steered() -> None:
+    """What the rounds fly the render would fly itself."""
+    small, large = hut_before_a_mirror((32, 24)), hut_before_a_mirror((512, 256))
+    assert 32 * 24 * PHOTONS.spp < caustics.SAMPLES_A_PATH * caustics.ROUNDS * LEAST_PATHS
+    assert flown(small).caustics_left == 1.0
+    assert flown(large).caustics_left < 0.2
+
+
+@pytest.mark.usefixtures("whatever_the_samples")
 def test_of_the_sun_on_a_mirror_photons_are_steered_to_what_it_throws_it_on_and_carry_the_same_light() -> None:
     what = hut_before_a_mirror()
     flat, steered = flatten(what), flown(what)
@@ -116,6 +132,7 @@ def test_of_the_sun_on_a_mirror_photons_are_steered_to_what_it_throws_it_on_and_
     assert flux[1] == pytest.approx(flux[0], rel=4.0 / np.sqrt(len(few["id"])))
 
 
+@pytest.mark.usefixtures("whatever_the_samples")
 def test_caustics_that_most_paths_find_are_not_steered() -> None:
     room = cornell_box((32, 32))
     floor = next(mesh for mesh in room.meshes if "floor" in mesh.name)
