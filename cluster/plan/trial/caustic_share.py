@@ -75,7 +75,7 @@ def caustic_share(prices: Prices, plans: MapPlans, trial: Trial, settings: Rende
 
     def worth(share: int) -> float:
         grain = (noise + share * trial.caustic_grain) / spp
-        of_map = error.of(plans.expected[CAUSTIC_MAP], spp // share)
+        of_map = error.of(plans.expected[CAUSTIC_MAP], -(-spp // share))
         return (grain + of_map) * prices.of_photons(trial, settings, share)
 
     few = [share for share in SHARES if share * LEAST_ASKING <= spp]
