@@ -38,7 +38,7 @@ from wdpm.cluster.plan.trial.caustic_share import caustic_grain, caustic_share
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.looks import Looks, look, look_by_guided_paths
 from wdpm.cluster.plan.trial.mean_error import mean_error
-from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
+from wdpm.cluster.plan.trial.prices import FINDING_OUT, LOOK_BY_GUIDE, LOOK_MOST, Prices
 from wdpm.cluster.plan.trial.shadow_rays import shadow_rays
 from wdpm.cluster.plan.trial.unfound import is_dark, with_unfound
 from wdpm.cluster.plan.trial.ways import PATCHES, Way, words_for
@@ -147,7 +147,9 @@ def choose_integrator(
             by_path, words = choice
             pilot = fly_pilot(flat, features, by_path, launcher, worker)
             return IntegratorChoice(by_path, words, pilot, learnt, looks.trial().noises_by(by_path))
-    pilot = steered_pilot(flat, fly_pilot(flat, features, photons, launcher, worker), view)
+    is_faint = looks.indirect_is_faint(photons.samples_of_pass)
+    pilot = fly_pilot(flat, features, photons, launcher, worker, is_faint=is_faint)
+    pilot = steered_pilot(flat, pilot, view, is_faint=is_faint)
     asked = _ask_photons(flat, pilot, photons, looks)
     return _by_trial(flat, pilot, learnt, asked, photons, lambda: _guided(flat, pilot, paths, looks, asked, learnt))
 
@@ -273,11 +275,12 @@ def _by_paths(trial: Trial, prices: Prices, spp: int) -> Way:
 
 
 def _by_paths_at_best(trial: Trial, prices: Prices, spp: int, has_rough_metals: bool) -> Way:
-    """What an image by path tracing comes to at best, if it is guided to caustics."""
+    """What an image by path tracing comes to at best, if it is guided to caustics, with what it takes to find out."""
     figures = trial.by_paths
     left = LEFT_BY_GUIDE if has_rough_metals else 1.0
     noise = figures.noise - (1.0 - left) * figures.of_indirect
-    return Way(noise / spp, prices.of_paths(figures))
+    price = prices.of_paths(figures)
+    return Way(noise / spp, price + min(LOOK_BY_GUIDE, LOOK_MOST * price))
 
 
 def _is_over_wide(trial: Trial, plans: MapPlans) -> bool:

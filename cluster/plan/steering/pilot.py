@@ -63,11 +63,12 @@ REFLECTED = 0.5
 """What a place counts beside the one that it lights."""
 
 
-def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View) -> PhotonPilot:
+def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View, *, is_faint: bool = False) -> PhotonPilot:
     """The pilot, flown again with steered photons where that pays.
 
     Args:
         view: which the replica of the pilot's worker has from now on.
+        is_faint: whether what the global map gets wrong is not seen beside the samples: then its photons are not.
     """
     pilot.worker.set_view(view)
     if pilot.left is not None or calls_for_media(flat):
@@ -76,7 +77,8 @@ def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View) -> PhotonPilo
         return pilot.as_it_is()
     world = replace(pilot.world, emission=measured_emission(pilot.world, pilot.flux_by_light()))
     samples = flat.camera.width * flat.camera.height * pilot.settings.samples_of_pass
-    known, caustics = _steered(flat, world, pilot, view), steered_caustics(world, pilot, samples)
+    known = Known() if is_faint else _steered(flat, world, pilot, view)
+    caustics = steered_caustics(world, pilot, samples)
     if not (len(known.tree) or len(caustics.tree)):
         return pilot.as_it_is()
     emission = replace(world.emission, steering=known.tree, caustic_steering=caustics.tree)

@@ -32,6 +32,12 @@ LEAST_SAMPLES, MOST_SAMPLES = 2, 8
 spread over lamps and directions, and what a sample adds to the noise is the less the more there are."""
 
 
+FAINT_INDIRECT = 0.5
+"""Square of indirect light, as a share of the error that samples leave, up to which photons need not be steered: maps
+of few get a fifth of that square wrong, which is a tenth of that error then. Of a bunny, gold and glass under the sky
+(256x256, one sample, four seeds) images took 0.95 of the CPU time without steering, with the same error."""
+
+
 @dataclass(frozen=True, eq=False)
 class Looks:
     """A small image by each way to render, without photons.
@@ -100,6 +106,10 @@ class Looks:
         by_photons, _, of_indirect = trial.noises
         noises = (by_photons, guided.noise(self._weight).mean(axis=2), of_indirect)
         return replace(trial, caustics=caustics, noises=noises, by_guided=figures)
+
+    def indirect_is_faint(self, spp: int) -> bool:
+        """Whether it hardly matters, beside the noise of so many samples, where photons tell of indirect light."""
+        return self.by_paths.indirect <= FAINT_INDIRECT * self.by_photons.noise / spp
 
     @property
     def share_of_indirect(self) -> float:

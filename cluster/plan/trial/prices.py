@@ -33,6 +33,10 @@ PLANNED_TRIANGLE = 2500.0
 """To be put into trees: by photons and paths alike."""
 FINDING_OUT = 4e8
 """To fly a pilot and to ask its photons: once that is done it is no reason for either way any more."""
+LOOK_BY_GUIDE = 2e8
+LOOK_MOST = 0.5
+"""To learn where paths are to be guided, and to see what they find then: a tenth of a second. It counts no more than
+this share of the image does: thumbnails, which take less than a look, are to be rendered as larger images are."""
 GATHER = 70.0
 """Of each photon that a gather looks for."""
 PHOTON_PATH = 1300.0

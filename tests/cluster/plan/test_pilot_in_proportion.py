@@ -9,7 +9,7 @@ import window_room
 
 from wdpm.cluster.plan import photon_pilot
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.photon_pilot import ENOUGH, LEAST_PATHS, PILOT_PATHS, SAMPLES_A_PATH, fly_pilot
+from wdpm.cluster.plan.photon_pilot import ENOUGH, ENOUGH_OF_FAINT, LEAST_PATHS, PILOT_PATHS, SAMPLES_A_PATH, fly_pilot
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.kernels.compile import compile_kernels
@@ -58,6 +58,15 @@ def test_as_many_more_are_flown_as_should_store_enough() -> None:
     assert LEAST_PATHS < pilot.paths < PILOT_PATHS
     assert pilot.paths == pilot.world.global_map.paths
     assert len(pilot.photons[GLOBAL_MAP]["id"]) >= ENOUGH
+
+
+def test_of_faint_indirect_light_a_few_photons_are_enough() -> None:
+    """Beside what samples leave nobody sees what the global map gets wrong."""
+    flat = flatten(outside(far=300.0))
+    features = features_of(flat, PHOTONS)
+    plain, faint = (fly_pilot(flat, features, PHOTONS, Launcher("cpu", 1), is_faint=each) for each in (False, True))
+    assert faint.paths < plain.paths
+    assert len(faint.photons[GLOBAL_MAP]["id"]) >= ENOUGH_OF_FAINT
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from window_room import hut_before_a_mirror, hut_on_a_field
+from furnaces import quad
+from window_room import hut_before_a_mirror, hut_on_a_field, open_ground, sky
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.photon_pilot import LEAST_PATHS, PhotonPilot, fly_pilot
@@ -17,11 +18,13 @@ from wdpm.cluster.plan.steering.pilot import WORTH, emission_of, steered_pilot, 
 from wdpm.cluster.plan.steering.tree import UNSTEERED, Known, Sample, learn, weights
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Integrator, RenderSettings
-from wdpm.cluster.world import NO_STEERING, START_NUMBERS
+from wdpm.cluster.world import NO_STEERING, START_NUMBERS, View
+from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.rendering.automatic_settings import choose_settings
 from wdpm.scenes import cornell_box
-from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.model.bsdfs import Conductor
 from wdpm.scenes.model.scene import Material, Scene
 
@@ -109,6 +112,40 @@ def test_on_a_field_photons_are_steered_into_the_hut_and_carry_the_same_light() 
     assert within[1][0] > 10 * within[0][0]
     noise = 1.0 / np.sqrt(within[0][0])
     assert within[1][1] == pytest.approx(within[0][1], rel=4.0 * noise)
+
+
+def mirror_on_a_field() -> Scene:
+    """Under a sky with a sun: the ground has next to no light but theirs."""
+    ground = open_ground(sky())
+    mirror = replace(quad((-1, 0, -1), (2, 0, 0), (0, 1.5, 0)), material=len(ground.materials))
+    materials = (*ground.materials, Material("mirror", Conductor()))
+    return replace(ground, meshes=(*ground.meshes, mirror), materials=materials)
+
+
+@pytest.mark.parametrize(
+    ("what", "spp", "faint"),
+    [(mirror_on_a_field(), 1, True), (mirror_on_a_field(), 64, False), (hut_before_a_mirror(), 1, False)],
+)
+def test_photons_of_indirect_light_that_samples_are_noisier_than_are_not_steered(
+    what: Scene, spp: int, faint: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one sample a pixel nobody sees where so little light comes from."""
+    asked: list[bool] = []
+
+    def noted(flat: FlatScene, pilot: PhotonPilot, view: View, *, is_faint: bool) -> PhotonPilot:
+        asked.append(is_faint)
+        return steered_pilot(flat, pilot, view, is_faint=is_faint)
+
+    monkeypatch.setattr("wdpm.cluster.plan.integrator_trial.steered_pilot", noted)
+    chosen = RenderSettings(integrator=Integrator.AUTO, spp=spp, all_effects=True)
+    choose_settings(flatten(what), chosen, Launcher("cpu", 1), lambda features: compile_kernels("cpu", features))
+    assert asked == [faint]
+
+
+def test_photons_are_not_steered_to_what_is_not_seen() -> None:
+    flat = flatten(hut_on_a_field())
+    pilot = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", 1))
+    assert steered_pilot(flat, pilot, view_of(flat, PHOTONS, 1), is_faint=True).left == 1.0
 
 
 def test_caustic_photons_of_few_samples_are_not_steered() -> None:

@@ -13,6 +13,7 @@ from window_room import constant_sky
 
 from wdpm.cluster.plan.caustics.guide import NO_CAUSTICS_LEARNT, CausticsLearnt, learn_caustics
 from wdpm.cluster.plan.render_plan import make_render_plan
+from wdpm.cluster.plan.trial.prices import LOOK_BY_GUIDE
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -66,6 +67,7 @@ def test_what_guided_paths_seldom_find_of_rough_metals_is_told_by_photons(
     """A trial of a few thousand samples does not meet it; without a guide all of that noise is left to the trial."""
     flat = flatten(metal_room(32))
     settings = replace(AUTO, spp=2)
+    monkeypatch.setattr("wdpm.cluster.plan.integrator_trial.LOOK_BY_GUIDE", 0.0)
     assert by_caustics(settled(flat, settings)) > 0.0
     monkeypatch.setattr("wdpm.cluster.plan.integrator_trial.learn_caustics", plain)
     assert by_caustics(settled(flat, settings)) == 0.0
@@ -94,11 +96,16 @@ def test_what_is_learnt_to_choose_is_what_a_render_by_paths_learns(
     assert given.caustics is chosen
 
 
-@pytest.mark.parametrize(("side", "spp", "guided"), [(32, 2, True), (64, 16, False)])
+@pytest.mark.parametrize(
+    ("side", "spp", "price", "guided"),
+    [(32, 2, 0.0, True), (32, 2, LOOK_BY_GUIDE, False), (64, 16, 0.0, False)],
+    ids=["perhaps", "for its price", "never"],
+)
 def test_paths_that_cannot_pay_are_not_guided_for_nothing(
-    side: int, spp: int, guided: bool, monkeypatch: pytest.MonkeyPatch
+    side: int, spp: int, price: float, guided: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A guide takes a tenth of a second and more to be learnt."""
+    """A guide takes a tenth of a second and more to be learnt, which counts."""
+    monkeypatch.setattr("wdpm.cluster.plan.integrator_trial.LOOK_BY_GUIDE", price)
     asked: list[int] = []
 
     def noted(*_: object) -> CausticsLearnt:
