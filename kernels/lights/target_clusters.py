@@ -91,21 +91,21 @@ def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray
     """What is never divided: triangles, or in large scenes runs of triangles of one connected piece.
 
     Returns:
-        Boxes of the units, shape [units, 2, 3]; the piece of each; the unit of each triangle.
+        Boxes of the units, shape [units, 2, 3]; the piece of each, counted from 0; the unit of each triangle.
     """
     piece = pieces_of(positions)
     order = np.argsort(piece, kind="stable")
     run = -(-len(positions) // _MOST_UNITS)
     begins = np.flatnonzero(np.diff(piece[order], prepend=-1))
-    within = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
-    starts = within % run == 0
+    sizes = np.diff(begins, append=len(order))
+    starts = (np.arange(len(order)) - np.repeat(begins, sizes)) % run == 0
     first = np.flatnonzero(starts)
     one, two, three = (positions[:, corner] for corner in range(3))
     low = np.minimum.reduceat(np.minimum(np.minimum(one, two), three)[order], first)
     high = np.maximum.reduceat(np.maximum(np.maximum(one, two), three)[order], first)
     unit = np.empty(len(order), np.intp)
     unit[order] = np.cumsum(starts) - 1
-    return np.stack([low, high], axis=1).astype(np.float64), piece[order][first], unit
+    return np.stack([low, high], axis=1).astype(np.float64), np.searchsorted(begins, first, side="right") - 1, unit
 
 
 def _tree(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> _Node:
