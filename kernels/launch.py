@@ -111,6 +111,11 @@ class Launcher:
 
         return launch_cut
 
+    @property
+    def run_on_host(self) -> Callable[[wp.Kernel, Sequence[tuple[int, Sequence[Any]]]], None]:
+        """As `run`, but on the CPU, wherever else kernels run: for trees, which are built there."""
+        return self.run if self.device == "cpu" else ONE_THREAD.run
+
     def at_once(self, *makers: Callable[[], Any]) -> list[Any]:
         """What several functions give that have nothing to do with each other, in their order; raises what one raises.
 

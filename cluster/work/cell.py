@@ -60,7 +60,8 @@ class Cell:
         def make() -> list[Any]:
             device = replica.launcher.device
             instances = upload_instances(triangles.instances, device)
-            trees = two_level.build(triangles, instances, replica.pad, device, lights.balls(replica.lights))
+            balls = lights.balls(replica.lights)
+            trees = two_level.build(triangles, instances, replica.pad, device, balls, replica.launcher.run_on_host)
             triangles.let_go()
             return [trees, cell_triangles.upload(triangles, replica.world.extent, device, instances)]
 

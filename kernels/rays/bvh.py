@@ -13,8 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays import ball_bounds, bvh_build
+from wdpm.kernels.rays import ball_bounds
 from wdpm.kernels.rays.ball_bounds import BallBounds, without_balls
+from wdpm.kernels.rays.build_tree import Run, build_tree
 from wdpm.kernels.rays.bvh_build import CHILD_STACK, MAX_DEPTH
 from wdpm.kernels.rays.lanes import (
     child_code,
@@ -62,7 +63,9 @@ class Bvh:
     balls: BallBounds
 
 
-def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, device: str = "cpu") -> Bvh:
+def build(
+    positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, device: str = "cpu", run: Run | None = None
+) -> Bvh:
     """Build a tree on the host and upload it.
 
     Args:
@@ -71,8 +74,9 @@ def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, de
         pad: how far every triangle's box is grown, at least 0: about 2^-19 of the scene's extent, and the same number
             for all trees of a scene.
         device: where the tree is to be traversed.
+        run: runs kernels on the CPU, on several threads perhaps; None for this one.
     """
-    tree = bvh_build.build_tree(positions, ids, pad)
+    tree = build_tree(positions, ids, pad, run)
     bvh = Bvh()
     bvh.bounds = tree.bounds.to(device)
     bvh.children = tree.children.to(device)

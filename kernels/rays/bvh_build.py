@@ -1,9 +1,10 @@
 """Building the bounding volume hierarchy: 8-wide nodes by the binned surface area heuristic.
 
-One Warp kernel that runs as one thread on the host (the build is sequential; partitions are built side by side by
-their owners). Each node is built at once with up to eight children, by splitting the child of the largest area
-again and again, so no binary tree is stored. A split bins the centroids along all three axes (Wald 2007, "On fast
-construction of SAH-based bounding volume hierarchies").
+One Warp kernel, each thread of which builds a subtree, on the host: one thread builds what is small, and of more
+triangles the nodes that hold large parts of them are built first, each alone, and then what is below side by side
+(build_tree). Each node is built at once with up to eight children, by splitting the child of the largest area again and
+again, so no binary tree is stored. A split bins the centroids along all three axes (Wald 2007, "On fast construction of
+SAH-based bounding volume hierarchies").
 
 Boxes are kept as vec8 (low xyz, unused, -high xyz, unused): the union of two boxes is then one element-wise minimum.
 
@@ -14,12 +15,7 @@ the traversal's stack.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 import warp as wp
-from numpy.typing import DTypeLike, NDArray
 
 from wdpm.kernels.rays.lanes import vec8, vec8i
 
@@ -42,6 +38,9 @@ CHILD_STACK = wp.constant(7 * 11)
 """(WIDTH - 1) * MAX_DEPTH: a traversal leaves at most WIDTH - 1 siblings behind on each level. No larger than need be,
 since Warp clears local arrays: that takes a tenth of the time of a ray."""
 
+RANGES = wp.constant(8 * 12)
+"""WIDTH * (MAX_DEPTH + 1): ranges that wait while a subtree is built, at most."""
+
 BINS = wp.constant(32)
 """Bins an axis. 16 make coherent rays a fifth slower where sizes vary (Sponza)."""
 
@@ -54,17 +53,19 @@ FAR = wp.constant(3.4e38)
 
 @wp.struct
 class Scratch:
-    """Working memory of the builder.
+    """Working memory of the builder. Each of several threads has a room of its own in all arrays but the first two.
 
     Attributes:
+        room: which is this thread's, from 0.
         boxes: box of each triangle, in build order, shape [T].
         order: row of each triangle in the input, in build order, shape [T].
-        bin_boxes: shape [3 * BINS]; bin_counts: the same shape.
-        right_areas: areas of what lies right of a bin boundary, shape [BINS].
-        slot_boxes, slot_begin, slot_end: the children of the node being built, shape [WIDTH].
-        ranges: (begin, end, node, depth) of the ranges to be built.
+        bin_boxes: shape [rooms * 3 * BINS]; bin_counts: the same shape.
+        right_areas: areas of what lies right of a bin boundary, shape [rooms * BINS].
+        slot_boxes, slot_begin, slot_end: the children of the node being built, shape [rooms * WIDTH].
+        ranges: (begin, end, node, depth) of the ranges to be built, shape [rooms * RANGES].
     """
 
+    room: wp.int32
     boxes: wp.array[vec8]
     order: wp.array[wp.int32]
     bin_boxes: wp.array[vec8]
@@ -155,6 +156,8 @@ def partition(
 def split(s: wp.ref[Scratch], begin: int, end: int) -> int:
     """Reorder a range of at least two triangles and return where its second part begins; neither part is empty."""
     count = end - begin
+    own = s.room * 3 * BINS
+    own_areas = s.room * BINS
     low = wp.vec3(FAR)
     high = wp.vec3(-FAR)
     for i in range(begin, end):
@@ -171,14 +174,14 @@ def split(s: wp.ref[Scratch], begin: int, end: int) -> int:
         if extent[axis] > 0.0:
             scale[axis] = wp.min(float(bins) / extent[axis], FAR)
     for k in range(3 * bins):
-        s.bin_boxes[k] = empty_box()
-        s.bin_counts[k] = 0
+        s.bin_boxes[own + k] = empty_box()
+        s.bin_counts[own + k] = 0
     for i in range(begin, end):
         box = s.boxes[i]
         c = centroid(box)
-        kx = bin_of(c[0], low[0], scale[0], bins)
-        ky = bin_of(c[1], low[1], scale[1], bins) + bins
-        kz = bin_of(c[2], low[2], scale[2], bins) + 2 * bins
+        kx = own + bin_of(c[0], low[0], scale[0], bins)
+        ky = own + bin_of(c[1], low[1], scale[1], bins) + bins
+        kz = own + bin_of(c[2], low[2], scale[2], bins) + 2 * bins
         s.bin_boxes[kx] = wp.min(s.bin_boxes[kx], box)
         s.bin_boxes[ky] = wp.min(s.bin_boxes[ky], box)
         s.bin_boxes[kz] = wp.min(s.bin_boxes[kz], box)
@@ -194,16 +197,17 @@ def split(s: wp.ref[Scratch], begin: int, end: int) -> int:
             right = empty_box()
             for back in range(bins - 1):
                 k = bins - 1 - back
-                right = wp.min(right, s.bin_boxes[axis * bins + k])
-                s.right_areas[k] = half_area(right)
+                right = wp.min(right, s.bin_boxes[own + axis * bins + k])
+                s.right_areas[own_areas + k] = half_area(right)
             left = empty_box()
             left_count = wp.int32(0)
             for k in range(bins - 1):
-                left = wp.min(left, s.bin_boxes[axis * bins + k])
-                left_count = left_count + s.bin_counts[axis * bins + k]
+                left = wp.min(left, s.bin_boxes[own + axis * bins + k])
+                left_count = left_count + s.bin_counts[own + axis * bins + k]
                 if left_count > 0 and left_count < count:
                     right_count = count - left_count
-                    cost = half_area(left) * blocks(left_count) + s.right_areas[k + 1] * blocks(right_count)
+                    right_area = s.right_areas[own_areas + k + 1]
+                    cost = half_area(left) * blocks(left_count) + right_area * blocks(right_count)
                     if cost < best_cost:
                         best_cost = cost
                         best_axis = axis
@@ -219,12 +223,13 @@ def next_slot(s: wp.ref[Scratch], slots: int, halving: bool) -> int:
 
     A range that fits a leaf is not split even where there is room: a leaf of eight costs no more than a leaf of one.
     """
+    own = s.room * WIDTH
     best = wp.int32(-1)
     best_score = wp.float32(-1.0)
     for k in range(slots):
-        count = s.slot_end[k] - s.slot_begin[k]
+        count = s.slot_end[own + k] - s.slot_begin[own + k]
         if count > LEAF_MAX:
-            score = half_area(s.slot_boxes[k])
+            score = half_area(s.slot_boxes[own + k])
             if halving or not (score < FAR):
                 score = float(count)
             if score > best_score:
@@ -234,8 +239,8 @@ def next_slot(s: wp.ref[Scratch], slots: int, halving: bool) -> int:
 
 
 @wp.kernel
-def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: wp.float32, s: Scratch) -> None:
-    i = wp.tid()
+def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: wp.float32, s: Scratch, offset: wp.int32) -> None:
+    i = offset + wp.tid()
     a = positions[i, 0]
     b = positions[i, 1]
     c = positions[i, 2]
@@ -247,28 +252,44 @@ def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: wp.float32, s: Scra
 
 @wp.kernel
 def build_nodes(
-    s: Scratch,
-    count: wp.int32,
+    scratch: Scratch,
+    tasks: wp.array[wp.vec4i],
+    whole: wp.int32,
     bounds_out: wp.array[vec8],
     children_out: wp.array[vec8i],
-    sizes_out: wp.array[wp.int32],
+    sizes_out: wp.array[wp.vec2i],
+    offset: wp.int32,
 ) -> None:
-    """Build the whole tree. sizes_out: (nodes, deepest level)."""
+    """Build the subtrees of some ranges of triangles, or their roots alone.
+
+    Args:
+        scratch: with a room for each task.
+        tasks: begin and end of each range, number of its root, which those of others follow, and how deep that lies.
+        whole: 1 to build all; 0 for the roots alone: then their children that are no leaves are numbered as if they
+            came next, and their ranges are left in `scratch.ranges`.
+        sizes_out: of each task, nodes that have numbers, and levels of the tree.
+    """
+    s = scratch
+    s.room = offset + wp.tid()
+    own = s.room * WIDTH
+    own_ranges = s.room * RANGES
+    given = tasks[s.room]
+    first = given[2]
     nodes = wp.int32(1)
-    deepest = wp.int32(0)
+    deepest = given[3]
     pending = wp.int32(1)
-    s.ranges[0] = wp.vec4i(0, count, 0, 0)
+    s.ranges[own_ranges] = wp.vec4i(given[0], given[1], 0, given[3])
     while pending > 0:
         pending = pending - 1
-        task = s.ranges[pending]
-        node = task[2]
+        task = s.ranges[own_ranges + pending]
+        node = first + task[2]
         depth = task[3]
         deepest = wp.max(deepest, depth)
-        s.slot_begin[0] = task[0]
-        s.slot_end[0] = task[1]
-        s.slot_boxes[0] = range_box(s, task[0], task[1])
+        s.slot_begin[own] = task[0]
+        s.slot_end[own] = task[1]
+        s.slot_boxes[own] = range_box(s, task[0], task[1])
         slots = wp.int32(1)
-        if count == 0:
+        if given[0] == given[1]:
             slots = 0
         halving = depth + levels_by_halving(task[1] - task[0]) >= MAX_DEPTH
 
@@ -276,18 +297,18 @@ def build_nodes(
             k = next_slot(s, slots, halving)
             if k < 0:
                 break
-            begin = s.slot_begin[k]
-            end = s.slot_end[k]
+            begin = s.slot_begin[own + k]
+            end = s.slot_end[own + k]
             middle = wp.int32(0)
             if halving:
                 middle = halve(begin, end)
             else:
                 middle = split(s, begin, end)
-            s.slot_end[k] = middle
-            s.slot_begin[slots] = middle
-            s.slot_end[slots] = end
-            s.slot_boxes[k] = range_box(s, begin, middle)
-            s.slot_boxes[slots] = range_box(s, middle, end)
+            s.slot_end[own + k] = middle
+            s.slot_begin[own + slots] = middle
+            s.slot_end[own + slots] = end
+            s.slot_boxes[own + k] = range_box(s, begin, middle)
+            s.slot_boxes[own + slots] = range_box(s, middle, end)
             slots = slots + 1
 
         low_x = vec8(wp.inf)
@@ -298,20 +319,20 @@ def build_nodes(
         high_z = vec8(-wp.inf)
         codes = vec8i()
         for k in range(slots):
-            box = s.slot_boxes[k]
+            box = s.slot_boxes[own + k]
             low_x[k] = box[0]
             low_y[k] = box[1]
             low_z[k] = box[2]
             high_x[k] = -box[4]
             high_y[k] = -box[5]
             high_z[k] = -box[6]
-            begin = s.slot_begin[k]
-            size = s.slot_end[k] - begin
+            begin = s.slot_begin[own + k]
+            size = s.slot_end[own + k] - begin
             if size <= LEAF_MAX:
                 codes[k] = -(8 * begin + size)
             else:
-                codes[k] = nodes
-                s.ranges[pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
+                codes[k] = first + nodes
+                s.ranges[own_ranges + pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
                 pending = pending + 1
                 nodes = nodes + 1
         bounds_out[6 * node] = low_x
@@ -321,8 +342,9 @@ def build_nodes(
         bounds_out[6 * node + 4] = low_z
         bounds_out[6 * node + 5] = high_z
         children_out[node] = codes
-    sizes_out[0] = nodes
-    sizes_out[1] = deepest + 1
+        if whole == 0:
+            break
+    sizes_out[s.room] = wp.vec2i(nodes, deepest + 1)
 
 
 @wp.kernel
@@ -333,9 +355,10 @@ def pack_leaves(
     children: wp.array[vec8i],
     corners_out: wp.array[wp.float32],
     ids_out: wp.array[wp.int32],
+    offset: wp.int32,
 ) -> None:
     """Write the triangles of each leaf: nine rows (corner, axis), each as long as the leaf has triangles."""
-    node = wp.tid()
+    node = offset + wp.tid()
     codes = children[node]
     for k in range(WIDTH):
         if codes[k] < 0:
@@ -348,64 +371,3 @@ def pack_leaves(
                     p = positions[row, corner]
                     for axis in range(3):
                         corners_out[9 * first + (3 * corner + axis) * size + lane] = p[axis]
-
-
-@dataclass(frozen=True)
-class Tree:
-    """The arrays of a tree, on the host; bvh.Bvh describes them."""
-
-    bounds: wp.array
-    children: wp.array
-    corners: wp.array
-    ids: wp.array
-
-
-def build_tree(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float) -> Tree:
-    """Build a tree; arguments as for bvh.build."""
-    count = len(positions)
-    if np.shape(positions) != (count, 3, 3) or np.shape(ids) != (count,):
-        raise ValueError(f"positions {np.shape(positions)} and ids {np.shape(ids)}: expected [T, 3, 3] and [T]")
-    if count > MAX_TRIANGLES:
-        raise ValueError(f"{count} triangles in one tree: at most {MAX_TRIANGLES}; use more cells")
-    if not 0.0 <= pad < np.inf:
-        raise ValueError(f"pad {pad}: expected a finite number, at least 0")
-    if count and not (np.isfinite(positions.min()) and np.isfinite(positions.max())):
-        raise ValueError("positions that are not finite: drop such triangles when the scene is loaded")
-    corners_in = _as_warp(positions, np.float32, wp.vec3)
-    ids_in = _as_warp(ids, np.int32, wp.int32)
-    bounds, children, order = _build_nodes(corners_in, count, pad)
-    corners = wp.zeros(9 * count + WIDTH, dtype=wp.float32, device="cpu")
-    leaf_ids = wp.empty(count, dtype=wp.int32, device="cpu")
-    wp.launch(pack_leaves, len(children), inputs=[corners_in, ids_in, order, children, corners, leaf_ids], device="cpu")
-    return Tree(bounds, children, corners, leaf_ids)
-
-
-def _as_warp(values: NDArray[Any], scalar: DTypeLike, dtype: Any) -> wp.array:
-    """The same values, not copied where they lie as kernels want them."""
-    return wp.array(np.require(values, scalar, ["C", "A"]), dtype=dtype, device="cpu", copy=not len(values))
-
-
-def _build_nodes(corners: wp.array, count: int, pad: float) -> tuple[wp.array, wp.array, wp.array]:
-    """Bounds and children of all nodes, and the rows of the triangles in leaf order."""
-    scratch = Scratch()
-    scratch.boxes = wp.empty(count, dtype=vec8, device="cpu")
-    scratch.order = wp.empty(count, dtype=wp.int32, device="cpu")
-    scratch.bin_boxes = wp.empty(3 * BINS, dtype=vec8, device="cpu")
-    scratch.bin_counts = wp.empty(3 * BINS, dtype=wp.int32, device="cpu")
-    scratch.right_areas = wp.empty(BINS, dtype=wp.float32, device="cpu")
-    scratch.slot_boxes = wp.empty(WIDTH, dtype=vec8, device="cpu")
-    scratch.slot_begin = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
-    scratch.slot_end = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
-    scratch.ranges = wp.empty(WIDTH * (MAX_DEPTH + 1), dtype=wp.vec4i, device="cpu")
-    # A node whose children are all leaves has more than LEAF_MAX triangles; any other has all eight children. So B of
-    # the first kind and L further leaves make at most B + (B + L) / 7 nodes, with 9 B + L <= count.
-    capacity = count // (WIDTH - 1) + 1
-    bounds = wp.empty(6 * capacity, dtype=vec8, device="cpu")
-    children = wp.empty(capacity, dtype=vec8i, device="cpu")
-    sizes = wp.zeros(2, dtype=wp.int32, device="cpu")
-    wp.launch(box_triangles, count, inputs=[corners, pad, scratch], device="cpu")
-    wp.launch(build_nodes, 1, inputs=[scratch, count, bounds, children, sizes], device="cpu")
-    nodes, depth = (int(n) for n in sizes.numpy())
-    if nodes > capacity or depth > MAX_DEPTH:
-        raise RuntimeError(f"a tree of {count} triangles: {nodes} nodes of {capacity}, {depth} levels of {MAX_DEPTH}")
-    return wp.clone(bounds[: 6 * nodes]), wp.clone(children[:nodes]), scratch.order

@@ -27,8 +27,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays import ball_bounds, bvh, bvh_build
+from wdpm.kernels.rays import ball_bounds, bvh
 from wdpm.kernels.rays.ball_bounds import NO_BALLS, Balls
+from wdpm.kernels.rays.build_tree import Run, build_tree
 from wdpm.kernels.rays.bvh import Bvh, leaf_first
 from wdpm.kernels.rays.bvh_build import CHILD_STACK, WIDTH
 from wdpm.kernels.rays.instances import DeviceInstances, instance_corner
@@ -95,17 +96,20 @@ class Trees:
     edge: wp.array[wp.float32]
 
 
-def build(triangles: Triangles, uploaded: Any, pad: float, device: str, balls: Balls = NO_BALLS) -> Any:
+def build(
+    triangles: Triangles, uploaded: Any, pad: float, device: str, balls: Balls = NO_BALLS, run: Run | None = None
+) -> Any:
     """Trees over a cell's triangles and instances: Trees.
 
     Args:
         uploaded: its instances on the device (rays.instances.DeviceInstances).
         pad: as for bvh.build.
         balls: which of its glowing meshes are balls.
+        run: runs kernels on the CPU, on several threads perhaps; None for this one.
     """
     instances = triangles.instances
     trees = Trees()
-    trees.plain = bvh.build(triangles.positions, triangles.ids, pad, device)
+    trees.plain = bvh.build(triangles.positions, triangles.ids, pad, device, run)
     if len(balls.emitter):
         rows = np.searchsorted(triangles.ids, trees.plain.ids.numpy())
         children = trees.plain.children.numpy()
@@ -116,7 +120,7 @@ def build(triangles: Triangles, uploaded: Any, pad: float, device: str, balls: B
     trees.places = bvh.build(boxes, np.arange(len(instances), dtype=np.int32), pad, device)
     trees.instances = uploaded
     middle = _middles(instances)
-    trees.shapes, roots = _shapes(instances, middle, pad, device)
+    trees.shapes, roots = _shapes(instances, middle, pad, device, run)
     inverse = np.linalg.inv(instances.matrix[:, :, :3]).astype(np.float64)
     offset = -np.einsum("iab,ib->ia", inverse, instances.matrix[:, :, 3]) - middle[instances.shape]
     spread = np.abs(inverse).sum(axis=2)
@@ -160,14 +164,14 @@ def _grow(
 
 
 def _shapes(
-    instances: Instances, middle: NDArray[np.float64], pad: float, device: str
+    instances: Instances, middle: NDArray[np.float64], pad: float, device: str, run: Run | None
 ) -> tuple[Any, NDArray[np.int32]]:
     """One set of arrays for the trees of all shapes, and the number of the root of each."""
     trees = []
     for shape in range(len(instances.shapes)):
         rows = _rows(instances, shape)
         corners = (instances.shapes.corners[rows] - middle[shape]).astype(np.float32)
-        trees.append(bvh_build.build_tree(corners, np.arange(rows.start, rows.stop, dtype=np.int32), 0.0))
+        trees.append(build_tree(corners, np.arange(rows.start, rows.stop, dtype=np.int32), 0.0, run))
     nodes = np.cumsum([0, *(len(tree.children) for tree in trees)]).astype(np.int32)
     joined = Bvh()
     bounds = [tree.bounds.numpy() for tree in trees]

@@ -199,7 +199,7 @@ GUARDS = (
     ),
     Guard(
         name="triangles that are no numbers",
-        file="kernels/rays/bvh_build.py",
+        file="kernels/rays/build_tree.py",
         prevents="a NaN in a box hides all that is in it",
         changes=(("if count and not (np.isfinite(positions.min()) and np.isfinite(positions.max())):", "if False:"),),
         tests=(TRAVERSAL + "test_bad_arguments",),

@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 from traversal_rig import F32, Array, assert_same_bits, misses, numbers, occluded, trace, trace_all, tree_of
 
 from wdpm.bench import traversal
+from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays import bvh, bvh_build
+from wdpm.kernels.rays.build_tree import LEAST_PART
 from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -105,6 +107,36 @@ def test_a_hundred_thousand_triangles_in_one_place() -> None:
     )
     np.testing.assert_array_equal(hits["prim"], [0, 0, -1])
     check_tree(tree, triangles, ids)
+
+
+def many_triangles(kind: str) -> Array:
+    """Some of which the tree is built in parts: evenly spread, nearly all in a corner, or ever smaller."""
+    rng = np.random.default_rng(5)
+    count = 12 * LEAST_PART
+    middle = rng.random((count, 1, 3))
+    if kind == "crowded":
+        middle[count // 100 :] *= 1e-3
+    elif kind == "ever smaller":
+        middle *= 2.0 ** -np.linspace(0.0, 30.0, count)[:, None, None]
+    return (middle + 1e-4 * middle.max(axis=2, keepdims=True) * rng.normal(size=(count, 3, 3))).astype(F32)
+
+
+@pytest.mark.parametrize("kind", ["even", "crowded", "ever smaller"])
+def test_a_tree_in_parts_is_the_same_on_any_number_of_threads_and_for_any_traversal(kind: str) -> None:
+    triangles = many_triangles(kind)
+    ids = np.random.default_rng(6).permutation(len(triangles)).astype(np.int32)
+    trees = [bvh.build(triangles, ids, 1e-6, run=Launcher("cpu", threads).run_on_host) for threads in (1, 3)]
+    for name in ("bounds", "children", "corners", "ids"):
+        one, other = (getattr(tree, name).numpy() for tree in trees)
+        np.testing.assert_array_equal(one, other, err_msg=name)
+    check_tree(trees[0], triangles, ids)
+    origin, direction = rays_at(np.random.default_rng(7), triangles, 4096)
+    small = [bvh.build(triangles[rows], ids[rows], 1e-6) for rows in np.array_split(numbers(triangles), 16)]
+    best = misses(len(origin))
+    for tree in small:  # none is built in parts
+        best = trace(tree, origin, direction, best)
+    assert (best["prim"] >= 0).sum() > 500
+    assert_same_bits(trace(trees[0], origin, direction), best)
 
 
 def check_tree(tree: Any, triangles: Array, ids: Array) -> None:
