@@ -96,6 +96,14 @@ NO_MEMORY_WORDS = ("Failed to allocate", "can't start new thread")
 """How errors begin that tell of no memory: of Warp's arrays, and of the room for a thread's stack."""
 
 
+def is_of_files(error: BaseException) -> bool:
+    """Whether something has failed since this process, or the system, may open no more files and sockets.
+
+    ZeroMQ's errors are none of the system's, and have its numbers.
+    """
+    return getattr(error, "errno", None) in (errno.EMFILE, errno.ENFILE)
+
+
 def is_of_memory(error: BaseException) -> bool:
     """Whether something has failed for want of memory: numpy, the system and Warp each say it in another way."""
     if isinstance(error, OSError):

@@ -71,7 +71,7 @@ def serve(
         life_line: end when standard input closes, which the process that started this one holds open.
 
     Raises:
-        SettingsError: the device is not there, or the threads cannot be.
+        SettingsError: the device is not there, the threads cannot be, or too few files may be open.
         ClusterError: no master answered, it refused, or something failed.
     """
     if device != "cpu":
@@ -81,6 +81,7 @@ def serve(
     if memory is not None:
         limit_memory(memory)
     open_files.allow(MOST_SLAVES)
+    open_files.require_as_slave(peers=0)
 
     scene = ""  # that a worker is made for
     neighbours = local_sockets.shared_with(master)

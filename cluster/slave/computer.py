@@ -10,13 +10,16 @@ import traceback
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.jobs import Compute, Job
 from wdpm.cluster.transport.mailbox import Mailbox
-from wdpm.scenes.errors import MachineError, WdpmError, is_of_memory
+from wdpm.scenes.errors import MachineError, WdpmError, is_of_files, is_of_memory
 
 LEAVE_S = 1.0
 """How long a slave that ends waits for the worker's last job."""
 
 NO_MEMORY = "it has not enough memory; use more slaves, or fewer photons or triangles"
 """Why a slave leaves."""
+
+NO_FILES = "no more files and sockets can be opened on its machine"
+"""The same."""
 
 
 class ComputeThread:
@@ -67,13 +70,20 @@ class ComputeThread:
             began = time.thread_time()
             outcome = self._compute.run(job)
             return s.Computed(outcome, time.thread_time() - began)
-        except MachineError as error:  # others may be fit
-            return s.Leave(str(error))
-        except WdpmError as error:
-            return s.ComputeFailed(str(error))
         except Exception as error:
-            if is_of_memory(error):  # others may have more of it
-                return s.Leave(NO_MEMORY)
+            if (unfit := why_unfit(error)) is not None:
+                return s.Leave(unfit)
+            if isinstance(error, WdpmError):
+                return s.ComputeFailed(str(error))
             # A fault of the program: its place goes to the log here, one line to the master.
             traceback.print_exc()
             return s.ComputeFailed(f"{type(error).__name__} in {type(job).__name__}: {error}")
+
+
+def why_unfit(error: Exception) -> str | None:
+    """Why this machine cannot go on, if that is what an error tells: another one may be fit."""
+    if isinstance(error, MachineError):
+        return str(error)
+    if is_of_memory(error):
+        return NO_MEMORY
+    return NO_FILES if is_of_files(error) else None

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.account import Account
-from wdpm.cluster.slave.computer import NO_MEMORY, ComputeThread
+from wdpm.cluster.slave.computer import ComputeThread, why_unfit
 from wdpm.cluster.slave.job_queue import HOLD_S
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
@@ -293,11 +293,11 @@ class SlaveLoop:
         except KeyboardInterrupt:
             shell.handle(s.Leave("it was interrupted"))
             raise
-        except MemoryError:  # for a message, say
-            shell.handle(s.Leave(NO_MEMORY))
-        except Exception as error:  # a fault of the program: the master should not have to guess
-            shell.tell_master(protocol.Failed(f"{type(error).__name__}: {error}"))
-            raise
+        except Exception as error:
+            if (unfit := why_unfit(error)) is None:  # a fault of the program: the master should not have to guess
+                shell.tell_master(protocol.Failed(f"{type(error).__name__}: {error}"))
+                raise
+            shell.handle(s.Leave(unfit))
         finally:
             self._computer.stop()
         if shell.error is not None:

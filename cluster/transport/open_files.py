@@ -1,14 +1,16 @@
 """How many files and sockets this process may have open, of which each connection is one.
 
 ZeroMQ ends a process without a word of its own when it has to open one more (it asserts). So a master finds out before
-a render, and limits that a user may raise himself (soft ones; mostly 1,024) are raised: 256 slaves need more.
+a render, and a slave before it joins and before it connects with others; and limits that a user may raise himself (soft
+ones; mostly 1,024) are raised: 256 slaves need more.
 """
 
 from __future__ import annotations
 
 import contextlib
 
-from wdpm.scenes.errors import SettingsError
+from wdpm.cluster.limits import MOST_SLAVES
+from wdpm.scenes.errors import MachineError, SettingsError
 
 try:
     import resource
@@ -55,3 +57,17 @@ def require(slaves: int) -> None:
             f"{slaves} slave{'s' * (slaves != 1)}: a process may open {limit} files and sockets here, and needs up to "
             f"{needed(slaves)}: raise that limit (ulimit -n {needed(slaves)}), or take fewer slaves"
         )
+
+
+def require_as_slave(peers: int) -> None:
+    """As `allow`, for a slave that is connected with its master and so many others; MachineError if not enough."""
+    limit = allow(peers + 1)
+    if limit is not None and limit < needed(peers + 1):
+        raise MachineError(
+            f"it may open {limit} files and sockets, which are too few to talk to {_others(peers)}: raise that limit "
+            f"(ulimit -n {needed(MOST_SLAVES)} is enough for any cluster)"
+        )
+
+
+def _others(peers: int) -> str:
+    return "a master" if not peers else f"{peers} other slave{'s' * (peers != 1)}"

@@ -18,7 +18,7 @@ from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages.protocol import FromReader, Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
-from wdpm.cluster.transport import local_sockets
+from wdpm.cluster.transport import local_sockets, open_files
 from wdpm.cluster.transport.keys import Guests, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Accepted, Carried, Received, Role
 from wdpm.cluster.transport.zeromq import curve
@@ -36,7 +36,7 @@ from wdpm.cluster.transport.zeromq.sockets import (
     sender,
     size_of,
 )
-from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
+from wdpm.scenes.errors import ClusterError, MachineError, ProtocolError, SettingsError
 
 HANDSHAKE_FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -164,6 +164,10 @@ class ZeroMQConnection:
             self._network.carried.sent += send(self.socket, message)
         except zmq.Again:
             return False
+        except zmq.ZMQError as error:
+            if error.errno != zmq.ENOTSOCK:  # it was closed, and nothing could be opened in its place
+                raise
+            return False
         return True
 
     def receive(self) -> Received | None:
@@ -202,8 +206,10 @@ class ZeroMQConnection:
         return self._refused
 
     def close(self, *, deliver: bool) -> None:
-        """Close the sockets; what is to be delivered lingers."""
+        """Close the sockets; what is to be delivered lingers. May be called again."""
         self._network.forget(self)
+        if self.socket.closed:
+            return
         self.socket.disable_monitor()
         self.monitor.close(linger=0)
         self.socket.close(None if deliver else 0)
@@ -260,6 +266,8 @@ class ZeroMQNetwork:
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
         """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""
         self._check_keys_go_with(address)
+        if role is Role.SLAVE:
+            open_files.require_as_slave(len(self._connections))  # one of them is with the master
         address, server = self._who_is_at(address, role)
         _check_resolved(address)
 
@@ -316,7 +324,7 @@ class ZeroMQNetwork:
         try:
             return make_socket(self._context, zmq.DEALER)
         except zmq.ZMQError as error:
-            raise ClusterError(f"no more connections can be opened: {error.strerror.lower()}") from None
+            raise MachineError(f"no more connections can be opened: {error.strerror.lower()}") from None
 
     def address_for_peers(self, master: str) -> str:
         """Any port of the interface that leads to the master; or a new socket beside his."""

@@ -293,9 +293,11 @@ UNFIT = MachineError("compiled kernels cannot be kept")
         (OF_WARP, "not enough memory"),
         (OSError(errno.ENOMEM, "Cannot allocate memory"), "not enough memory"),
         (RuntimeError("can't start new thread"), "not enough memory"),
+        (OSError(errno.EMFILE, "Too many open files"), "no more files and sockets"),
+        (zmq.ZMQError(errno.ENFILE), "no more files and sockets"),
         (UNFIT, "kernels cannot be kept"),
     ],
-    ids=["numpy", "warp", "system", "thread", "kernels"],
+    ids=["numpy", "warp", "system", "thread", "files", "sockets", "kernels"],
 )
 @pytest.mark.parametrize("team", [1, 2])
 def test_a_slave_whose_machine_is_not_fit_is_done_without(team: int, error: Exception, said: str) -> None:
