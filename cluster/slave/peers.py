@@ -74,8 +74,12 @@ class Peers:
 
     def answered(self, peer: int, answer: protocol.PeerAnswer) -> list[Instruction]:
         """A peer has answered; tell the master if it is not who it should be."""
-        self._awaited.pop(peer, None)
+        greeted = self._awaited.pop(peer, None) is None
         match answer:
+            case protocol.Rejected() if greeted:
+                # It was reached, and does not know this slave any more: it has lost its master, who may not know yet.
+                self.lost(peer)
+                return [ToMaster(protocol.PeerGone(peer))]
             case protocol.PeerWelcome(number) if number == peer:
                 return []
             case protocol.PeerWelcome(number):

@@ -124,6 +124,15 @@ def test_a_broken_connection_is_told_as_such() -> None:
     assert tick(driver, 3 * PATIENCE_S) == []
 
 
+def test_a_peer_that_has_forgotten_this_slave_is_gone() -> None:
+    """It lost its master and begins anew, so it can be reached, and is no reason to end the render."""
+    driver = set_up()
+    driver(s.PeerAnswered(2, p.PeerWelcome(2)))
+    for _ in range(2):  # one answer for each message
+        answer = s.PeerAnswered(2, p.Rejected("PeerBatches without PeerHello"))
+        assert to_master(driver(answer)) == [p.PeerGone(2)]
+
+
 def test_peers_of_the_next_world_are_not_asked_again() -> None:
     driver = set_up()
     for peer in (0, 2):
