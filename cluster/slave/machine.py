@@ -177,6 +177,7 @@ class Slave:
                     return []  # it does not listen yet
                 return self._join_again("the connection broke", now)
             case MasterReached():
+                self._refused = False  # another try was not accepted, or cut off before keys were agreed on
                 self._attempts.wait_for_answer(now)
                 return []
             case MasterRefused():
@@ -234,7 +235,7 @@ class Slave:
     def _try_again(self, now: float) -> list[Instruction]:
         within = f"within {self._attempts.patience:g} s"
         if self._attempts.over(now):
-            if self._refused:
+            if self._refused and not self._attempts.again:  # keys that did for a master do for the next
                 return self._exit(
                     f"the master at {self._endpoint} does not accept this slave's keys; "
                     "give --keys with the folder that `wdpm keys add` made for it, or none if the master has none"

@@ -50,6 +50,22 @@ def test_a_slave_that_joins_again_waits_for_room() -> None:
     assert s.Reconnect() in driver.slave.handle(s.Tick(), driver.now + 2.0)
 
 
+def test_a_connection_that_is_cut_early_tells_nothing_of_keys() -> None:
+    """ZeroMQ cannot tell it from keys that do not fit; those of a slave that had joined did."""
+    driver = Driver(patience=20.0).ready()
+    driver(s.MasterLost())
+    driver(s.MasterRefused())
+    assert "lost the master" in error_of(driver.slave.handle(s.Tick(), driver.now + 21.0))
+
+
+def test_a_connection_that_was_cut_early_is_forgotten_when_the_next_stands() -> None:
+    driver = Driver(patience=20.0)
+    driver(s.Start())
+    driver(s.MasterRefused())
+    driver(s.MasterReached())
+    assert "no master answered" in error_of(driver.slave.handle(s.Tick(), driver.now + 21.0))
+
+
 def test_a_slave_without_a_master_gives_up() -> None:
     driver = Driver(patience=20.0).ready()
     driver(s.MasterLost())
