@@ -379,6 +379,9 @@ class Master:
         member, peer = self._members.ever_joined[separation.slave], self._members.ever_joined[separation.peer]
         if member.left or peer.left:
             return []
+        if unreachable and (silence := peer.silence(now)) > self._limits.late_s:
+            # It stands still, as the master has done perhaps, which is why it does not miss it yet.
+            return self._lose(peer, f"{member} cannot reach it, and it has been silent for {silence:.0f} s", now)
         if unreachable:
             endpoint = peer.hello.peers.partition("#")[0]  # the rest is a key
             return self._break(

@@ -33,6 +33,20 @@ def test_a_silent_slave_is_lost() -> None:
     assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
 
 
+def test_a_slave_that_stands_still_and_cannot_be_reached_is_lost() -> None:
+    """The master stood still, too: it waits for the slave anew, and another one has waited long enough."""
+    driver = Driver()
+    driver.to_photons()
+    driver.master.handle(m.Tick(), 1.0)
+    driver.master.handle(m.Tick(), 80.0)
+    told = silent_slave(driver, range(81, 93))
+    driver.master.handle(m.SlaveSaid(A, p.PeerUnreachable(1, "no answer within 90 s")), 93.0)
+    out = driver.master.handle(m.Tick(), 93.0 + LIMITS.peer_gone_s)
+    assert told == ["slave 1 (host, process 1) has been silent for 11 s; it is waited for 79 s more"]
+    assert "slave 1 (host, process 1) is lost: slave 0 (host, process 0) cannot reach it, and it has been" in noted(out)
+    assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
+
+
 def test_turns_of_the_loop_are_no_sleep() -> None:
     """However short the silence that counts: a process that stands still does so for longer."""
     driver = Driver(limits=replace(LIMITS, late_s=0.4, dead_s=2.0))
