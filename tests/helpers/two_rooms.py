@@ -26,9 +26,9 @@ def by_a_door(size: tuple[int, int] = (48, 32)) -> Scene:
     return _behind(_with_door(-0.5, -0.9, 0.3), (0.6, -0.9), size)
 
 
-def round_two_bends(size: tuple[int, int] = (48, 32)) -> Scene:
+def round_two_bends(size: tuple[int, int] = (48, 32), wide: float = 0.15) -> Scene:
     """The same with two walls: by a narrow door at the left end of the one and at the right end of the other."""
-    return _behind(_with_door(0.7, 0.8, 0.15) + _with_door(-0.7, -0.95, 0.15), (0.7, -0.9), size)
+    return _behind(_with_door(0.7, 0.95 - wide, wide) + _with_door(-0.7, -0.95, wide), (0.7, -0.9), size)
 
 
 def _behind(walls: list[Mesh], lamp: tuple[float, float], size: tuple[int, int]) -> Scene:
