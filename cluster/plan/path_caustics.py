@@ -239,7 +239,7 @@ def _smooth_alone(flat: FlatScene) -> MaterialTable | None:
         if of.straight:
             smooth = smooth or sizeless
             continue
-        if not (of.always_rough or of.is_rough(row)):
+        if of.is_smooth(row):
             smooth = True
             continue
         rough = True

@@ -293,7 +293,7 @@ class Principled(Leaf):
 class Translucent(Leaf):
     """A sheet that light leaves at the other side in all directions alike, from both sides (0.6's `difftrans`)."""
 
-    KIND = LeafKind(8, "translucent", in_order("transmittance"), feature="translucent", transmits=always)
+    KIND = LeafKind(8, "translucent", in_order("transmittance"), feature="translucent", spreads=True, transmits=always)
 
     transmittance: Color = GREY
 
