@@ -76,6 +76,14 @@ def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def lets_light_through(s: Surface) -> bool:
+    """Whether some of the light that comes to a surface goes on behind it, bent or scattered."""
+    glass = s.bsdf.kind == DIELECTRIC or s.bsdf.kind == THIN_DIELECTRIC
+    sheet = s.bsdf.kind == ROUGH_PANE or s.bsdf.kind == TRANSLUCENT
+    return glass or sheet or (s.bsdf.kind == PRINCIPLED and s.bsdf.spec_trans > 0.0)
+
+
+@wp.func
 def scatters_to_either_side(s: Surface) -> bool:
     """Whether light goes on at whichever side its direction points to, be it not the side that it was meant for.
 
@@ -83,10 +91,7 @@ def scatters_to_either_side(s: Surface) -> bool:
     normal of a coarse mesh sends light to the side that it was not meant for, it goes on from there, as in Mitsuba and
     pbrt: what is lost is seen as black. Bent normals are meant to lose it.
     """
-    glass = s.bsdf.kind == DIELECTRIC or s.bsdf.kind == THIN_DIELECTRIC
-    sheet = s.bsdf.kind == ROUGH_PANE or s.bsdf.kind == TRANSLUCENT
-    sheer = glass or sheet or (s.bsdf.kind == PRINCIPLED and s.bsdf.spec_trans > 0.0)
-    return sheer and s.bumps2 == 0.0
+    return lets_light_through(s) and s.bumps2 == 0.0
 
 
 @wp.func
@@ -108,20 +113,47 @@ def bump_shading(s: Surface, to_light: wp.vec3) -> wp.float32:
     return share
 
 
+@wp.func
+def is_turned_towards(s: Surface, direction: wp.vec3) -> bool:
+    """Whether the bent normal of a surface is turned for who sees it from a direction (frames.bend)."""
+    return wp.dot(s.unbent, direction) * wp.dot(s.n, direction) < 0.0
+
+
+@wp.func
+def turned(s: Surface) -> Surface:
+    """The same with its bent normal turned by half a turn about the old one."""
+    s.n = _half_turn(s.unbent, s.n)
+    s.s = _half_turn(s.unbent, s.s)
+    s.t = _half_turn(s.unbent, s.t)
+    return s
+
+
+@wp.func
+def _half_turn(axis: wp.vec3, v: wp.vec3) -> wp.vec3:
+    return axis * (2.0 * wp.dot(axis, v)) - v
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceCode:
     """Functions of surfaces.
 
     Attributes:
         surface_at: `(surfaces, materials, textures, prim, u, v, towards, u_choice) -> Surface`.
+        surface_of_light: the same, but that no bent normal is turned towards `towards`: for light that comes from
+            there, and is seen from elsewhere.
     """
 
     surface_at: wp.Function
+    surface_of_light: wp.Function
 
 
 @functools.cache
 def make_surface(features: Features) -> SurfaceCode:
     """The surface at a hit."""
+    return SurfaceCode(_make_surface_at(features, turns=True), _make_surface_at(features, turns=False))
+
+
+def _make_surface_at(features: Features, *, turns: bool) -> wp.Function:
     resolve = make_materials(features).resolve
 
     triangles = make_triangles(features.instances)
@@ -196,7 +228,10 @@ def make_surface(features: Features) -> SurfaceCode:
             edge2 = corner_at(surfaces, row, 2) - corner_at(surfaces, row, 0)
             dp_du = edge1 * m[0, 0] + edge2 * m[0, 1]
             dp_dv = edge1 * m[1, 0] + edge2 * m[1, 1]
-        r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice, towards)
+        seen_from = wp.vec3(0.0)
+        if wp.static(turns):
+            seen_from = towards
+        r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice, seen_from)
         if wp.static(features.dielectric):
             # Which index is ahead is told by the same normal as directions, or light would be trapped (goes_through).
             if r.bsdf.kind == DIELECTRIC and r.bumps2 == 0.0 and is_smooth_dielectric(r.bsdf):
@@ -217,4 +252,5 @@ def make_surface(features: Features) -> SurfaceCode:
             s.shading_normal = -r.n
         return s
 
-    return SurfaceCode(surface_at)
+    made: wp.Function = surface_at
+    return made

@@ -23,7 +23,6 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.bsdf import make_bsdf
@@ -31,13 +30,13 @@ from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.materials.resolve import Materials, medium_beyond
 from wdpm.kernels.materials.surface import (
-    Surface,
     bump_shading,
     goes_through,
     leave,
     make_surface,
     to_local,
     to_world,
+    turned,
 )
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import FLUX
@@ -65,6 +64,7 @@ from wdpm.kernels.photons.flight import (
     store_photon,
     without_hit,
 )
+from wdpm.kernels.photons.shading_normals import Sides, adjoint_factor, share_of_side, sides_of
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell, next_cell_of
 from wdpm.kernels.rays.owners import make_owner_of
@@ -72,6 +72,7 @@ from wdpm.kernels.rays.triangle import NO_HIT, Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
 
 THIRD = wp.constant(wp.float64(1.0 / 3.0))
 
@@ -174,22 +175,6 @@ class Arrival:
 def mean3(x: wp.vec3) -> wp.float64:
     """Mean of the channels: the energy that the ledger counts."""
     return (wp.float64(x[0]) + wp.float64(x[1]) + wp.float64(x[2])) * THIRD
-
-
-@wp.func
-def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
-    """What interpolated or bent normals do to a photon's flux (Veach 1997, section 5.3), bounded.
-
-    They make light transport asymmetric, and photons carry the adjoint. Without them the factor is exactly 1. It is 0
-    where the two normals do not agree on which side a direction is.
-    """
-    in_shading = wp.abs(wp.dot(s.n, to_source))
-    in_geometric = wp.dot(s.normal, to_source)
-    out_shading = wp.abs(wp.dot(s.n, away))
-    out_geometric = wp.abs(wp.dot(s.normal, away))
-    if in_geometric <= 0.0 or out_shading <= 0.0:
-        return wp.float32(0.0)
-    return wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND)
 
 
 @functools.cache
@@ -313,7 +298,7 @@ def is_cut_off(p: Photon, a: Arrival, max_depth: wp.int32) -> bool:
 @functools.cache
 def make_arrive(features: Features) -> wp.Function:
     """`arrive(scene, orders, photon, caustic) -> Arrival`: where a photon's ray ends in its cell."""
-    surface_at = make_surface(features).surface_at
+    surface_of_light = make_surface(features).surface_of_light
     arrive_in_medium = make_arrive_in_medium(features)
     optical_length = make_flights(features).optical_length
     bsdf = make_bsdf(features)
@@ -338,7 +323,19 @@ def make_arrive(features: Features) -> wp.Function:
         if wp.static(features.blend or features.passing):
             u_choice = wp.float32(number_1d(p, CHOICE))
         hit = p.hit
-        s = surface_at(scene.surfaces, scene.materials, scene.textures, hit.prim, hit.u, hit.v, to_source, u_choice)
+        s = surface_of_light(
+            scene.surfaces, scene.materials, scene.textures, hit.prim, hit.u, hit.v, to_source, u_choice
+        )
+        u_lobe = wp.float32(0.0)
+        if wp.static(features.glossy or features.bent):
+            u_lobe = wp.float32(number_1d(p, LOBE))
+        sides = Sides()
+        if wp.static(features.bent):
+            if s.bumps2 > 0.0:
+                sides = sides_of(s, to_source, u_lobe)
+                if sides.turned:
+                    s = turned(s)
+                u_lobe = sides.left
         a.deposit.map = NO_MAP
         a.deposit.front = s.front
         a.deposit.position = s.position
@@ -348,9 +345,6 @@ def make_arrive(features: Features) -> wp.Function:
         if (scene.materials.gathers[s.material] & (2 - s.front)) != 0:
             a.deposit.map = map_of(p.state, caustic, orders.stores_direct)
         w_from = to_local(s, to_source)
-        u_lobe = wp.float32(0.0)
-        if wp.static(features.glossy):
-            u_lobe = wp.float32(number_1d(p, LOBE))
         u = number_2d(p, DIRECTION)
         sampled = sample_all(s.bsdf, w_from, u_lobe, u, FLUX)
         if wp.static(features.glossy):
@@ -375,7 +369,7 @@ def make_arrive(features: Features) -> wp.Function:
             if wp.dot(a.leaves, a.goes_to) <= 0.0:
                 factor = 0.0
             if wp.static(features.bent):
-                factor = factor * bump_shading(s, to_source)
+                factor = factor * bump_shading(s, to_source) * share_of_side(s, sides, to_source, a.goes_to)
             a.scattered = a.scattered * factor
         return a
 

@@ -104,10 +104,17 @@ GUARDS = (
     ),
     Guard(
         name="no division by a grazing cosine of zero",
-        file="kernels/photons/paths.py",
+        file="kernels/photons/shading_normals.py",
         prevents="a photon along a surface becomes NaN",
         changes=(("if in_geometric <= 0.0 or out_shading <= 0.0:", "if False:"),),
         tests=(SIDES + "test_grazing_photons_have_finite_factors",),
+    ),
+    Guard(
+        name="bumps that face away from a lamp stay dark",
+        file="kernels/photons/shading_normals.py",
+        prevents="photons that graze bumps bring light that no path finds",
+        changes=((" or is_turned_towards(s, to_source):", ":"),),
+        tests=("tests/analytic/test_light_off_bumps.py::test_what_bumps_throw_on_walls_is_what_paths_find",),
     ),
     Guard(
         name="collisions away from walls",

@@ -9,7 +9,7 @@ import warp as wp
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.materials.surface import Surface
-from wdpm.kernels.photons.paths import adjoint_factor
+from wdpm.kernels.photons.shading_normals import adjoint_factor
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse
