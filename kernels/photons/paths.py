@@ -369,7 +369,7 @@ def make_arrive(features: Features) -> wp.Function:
             if wp.dot(a.leaves, a.goes_to) <= 0.0:
                 factor = 0.0
             if wp.static(features.bent):
-                factor = factor * bump_shading(s, to_source) * share_of_side(s, sides, to_source, a.goes_to)
+                factor = factor * bump_shading(s, to_source) * share_of_side(s, sides, a.goes_to)
             a.scattered = a.scattered * factor
         return a
 

@@ -84,8 +84,10 @@ def sides_of(s: Surface, to_source: wp.vec3, u: wp.float32) -> Sides:
 
 
 @wp.func
-def share_of_side(s: Surface, sides: Sides, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
+def share_of_side(s: Surface, sides: Sides, away: wp.vec3) -> wp.float32:
     """Weight of a photon that goes on at a surface with one of both normals; 0 in directions that see the other.
+
+    Light that comes from behind the chosen one is not reflected at all.
 
     Args:
         s: with the chosen one.
@@ -95,6 +97,6 @@ def share_of_side(s: Surface, sides: Sides, to_source: wp.vec3, away: wp.vec3) -
     seen = s
     if sides.turned:
         seen = turned(s)
-    if is_turned_towards(seen, away) != sides.turned or is_turned_towards(s, to_source):
+    if is_turned_towards(seen, away) != sides.turned:
         return 0.0
     return sides.weight

@@ -111,9 +111,9 @@ GUARDS = (
     ),
     Guard(
         name="bumps that face away from a lamp stay dark",
-        file="kernels/photons/shading_normals.py",
+        file="kernels/photons/paths.py",
         prevents="photons that graze bumps bring light that no path finds",
-        changes=((" or is_turned_towards(s, to_source):", ":"),),
+        changes=(("make_surface(features).surface_of_light", "make_surface(features).surface_at"),),
         tests=("tests/analytic/test_light_off_bumps.py::test_what_bumps_throw_on_walls_is_what_paths_find",),
     ),
     Guard(
