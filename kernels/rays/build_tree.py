@@ -146,24 +146,21 @@ class _Builder:
 
     def build(self) -> tuple[wp.array, wp.array, wp.array]:
         """Bounds and children of all nodes, and the rows of the triangles in leaf order."""
-        codes, waiting, tops = self._children.numpy(), [self._whole], 0
+        waiting, alone = [self._whole], list[_Range]()
         while large := [each for each in waiting if len(each) > self._most]:
-            numbers = tops + np.arange(len(large))
+            numbers = len(alone) + np.arange(len(large))
             self._build(large, numbers, whole=False)
             below = [
                 child
                 for room, (each, number) in enumerate(zip(large, numbers, strict=True))
                 for child in self._below(room, each, int(number))
             ]
-            for each, number in zip(large, numbers, strict=True):
-                if each.parent >= 0:
-                    codes[each.parent, each.lane] = number
             waiting = [each for each in waiting if len(each) <= self._most] + below
-            tops += len(large)
+            alone += large
         rooms = np.array([each.capacity for each in waiting])
         firsts = self._subtrees_from + np.cumsum(rooms) - rooms
         nodes = self._build(waiting, firsts, whole=True)
-        bounds, children = self._joined(waiting, tops, firsts, nodes)
+        bounds, children = self._joined(alone, waiting, firsts, nodes)
         return bounds, children, self._scratch.order
 
     def _build(self, ranges: Sequence[_Range], firsts: NDArray[np.int64], *, whole: bool) -> NDArray[np.int32]:
@@ -208,7 +205,7 @@ class _Builder:
         ]
 
     def _joined(
-        self, subtrees: Sequence[_Range], tops: int, firsts: NDArray[np.int64], nodes: NDArray[np.int32]
+        self, alone: Sequence[_Range], subtrees: Sequence[_Range], firsts: NDArray[np.int64], nodes: NDArray[np.int32]
     ) -> tuple[wp.array, wp.array]:
         """All nodes one after another: those that were built alone, and each subtree.
 
@@ -216,20 +213,21 @@ class _Builder:
             firsts: number of each subtree's root so far.
             nodes: how many each subtree has.
         """
+        tops = len(alone)
         ends = tops + np.cumsum(nodes, dtype=np.int64)
-        bounds = wp.empty(6 * int(ends[-1]), dtype=vec8, device="cpu")
-        children = wp.empty(int(ends[-1]), dtype=vec8i, device="cpu")
+        starts = ends - nodes
         from_bounds, from_codes = self._bounds.numpy().reshape(-1, 48), self._children.numpy()
-        to_bounds, to_codes = bounds.numpy().reshape(-1, 48), children.numpy()
-        to_bounds[:tops], to_codes[:tops] = from_bounds[:tops], from_codes[:tops]
-        for subtree, old, count, end in zip(subtrees, firsts, nodes, ends, strict=True):
-            new = int(end - count)
-            to_bounds[new:end] = from_bounds[old : old + count]
-            codes = from_codes[old : old + count]
-            to_codes[new:end] = np.where(codes > 0, codes + (new - old), codes)
-            if subtree.parent >= 0:
-                to_codes[subtree.parent, subtree.lane] = new
-        return bounds, children
+        bounds, codes = np.empty((int(ends[-1]), 48), np.float32), np.empty((int(ends[-1]), 8), np.int32)
+        bounds[:tops], codes[:tops] = from_bounds[:tops], from_codes[:tops]
+        for old, count, new, end in zip(firsts, nodes, starts, ends, strict=True):
+            bounds[new:end] = from_bounds[old : old + count]
+            moved = from_codes[old : old + count]
+            codes[new:end] = np.where(moved > 0, moved + (new - old), moved)
+        for each, number in zip((*alone, *subtrees), (*range(tops), *starts), strict=True):
+            if each.parent >= 0:
+                codes[each.parent, each.lane] = number
+        whole = wp.array(bounds.reshape(-1, 8), dtype=vec8, device="cpu", copy=False)
+        return whole, wp.array(codes, dtype=vec8i, device="cpu", copy=False)
 
 
 def _groups(ranges: Sequence[_Range]) -> list[tuple[int, int]]:
