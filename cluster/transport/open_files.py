@@ -64,7 +64,7 @@ def require_as_slave(peers: int) -> None:
     limit = allow(peers + 1)
     if limit is not None and limit < needed(peers + 1):
         raise MachineError(
-            f"it may open {limit} files and sockets, which are too few to talk to {_others(peers)}: raise that limit "
+            f"a slave may open {limit} files and sockets here, too few to talk to {_others(peers)}: raise that limit "
             f"(ulimit -n {needed(MOST_SLAVES)} is enough for any cluster)"
         )
 

@@ -73,7 +73,6 @@ from wdpm.kernels.rays.two_level import Trees, closest_function
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-
 THIRD = wp.constant(wp.float64(1.0 / 3.0))
 
 GOES_ON = wp.constant(-1)
