@@ -10,12 +10,14 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from wdpm.cluster.cluster_events import ClusterObserver
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.event_log import EventLog
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport.mailbox import Mailbox
-from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Listener, Network
+from wdpm.cluster.transport.receipts import Receipts, swallowed
+from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Carried, Listener, Network
 from wdpm.scenes.errors import ProtocolError
 
 FROM_SLAVE = packing.by_name(protocol.FromSlave | protocol.FromReader)
@@ -42,6 +44,7 @@ class MasterShell:
         observers: are told what happens.
         clock: what the state machine takes for the time [s].
         later: does something once what was sent is on its way.
+        carried: counts the bytes of messages; None where none leave this process.
     """
 
     def __init__(
@@ -52,6 +55,7 @@ class MasterShell:
         observers: Sequence[ClusterObserver] = (),
         clock: Callable[[], float] = time.monotonic,
         later: Callable[[Callable[[], None]], object] = lambda do: do(),
+        carried: Carried | None = None,
     ) -> None:
         self.state = state
         self._listener = listener
@@ -59,6 +63,8 @@ class MasterShell:
         self._event_log = EventLog(observers)
         self._clock = clock
         self._later = later
+        self._carried = carried or Carried()
+        self._receipts: Receipts[bytes] = Receipts()
         self._unreachable: set[bytes] = set()
 
     def receive(self) -> None:
@@ -75,7 +81,24 @@ class MasterShell:
             if isinstance(message, ProtocolError):
                 self.handle(m.Unreadable(identity, str(message)))
             else:
+                self._note_receipt(identity, message)
                 self.handle(m.SlaveSaid(identity, message))
+
+    def _note_receipt(self, identity: bytes, message: protocol.FromSlave | protocol.FromReader) -> None:
+        if isinstance(message, protocol.Heartbeat):
+            self._receipts.told(identity, message.received)
+        else:
+            self._receipts.came(identity)
+
+    def look_at_receipts(self, dead_s: float) -> None:
+        """Slaves whom nothing reaches any more are lost.
+
+        Args:
+            dead_s: silence that counts as death [s].
+        """
+        for identity in self._receipts.stuck(self._clock(), dead_s):
+            self._receipts.forget(identity)
+            self.handle(m.SlaveLost(identity, swallowed("it", dead_s)))
 
     def handle(self, event: m.Event) -> None:
         """Tell the state machine, and do what it says.
@@ -93,14 +116,24 @@ class MasterShell:
                 if isinstance(instruction, m.FrameBegun):
                     self._answer(m.SlavesSeen(self.state.seen()))
                 continue
-            if isinstance(instruction.message, protocol.Welcome):
-                self._listener.admit(instruction.identity)
-            if self._listener.send(instruction.identity, instruction.message):
-                self._unreachable.discard(instruction.identity)  # it has connected again meanwhile
-            else:
-                self._unreachable.add(instruction.identity)
+            self._send(instruction.identity, instruction.message)
         if any(isinstance(instruction, m.GoOnLater) for instruction in instructions):
             self._later(lambda: self.handle(m.GoOn()))
+
+    def _send(self, identity: bytes, message: protocol.FromMaster | protocol.ToReader) -> None:
+        before = self._carried.sent
+        if isinstance(message, protocol.Welcome):
+            self._listener.admit(identity)
+        elif isinstance(message, protocol.Heartbeat):
+            message = protocol.Heartbeat(self._receipts.have_come(identity))
+        if self._listener.send(identity, message):
+            self._unreachable.discard(identity)  # it has connected again meanwhile
+        else:
+            self._unreachable.add(identity)
+        if isinstance(message, protocol.Welcome):
+            self._receipts.begin(identity)
+        elif not isinstance(message, protocol.Heartbeat):
+            self._receipts.sent(identity, self._carried.sent - before)
 
     def _lose(self) -> None:
         unreachable, self._unreachable = self._unreachable, set()
@@ -122,6 +155,7 @@ class MasterLoop:
         watch: tells of slave processes that were started here and have ended.
         answers: takes instructions that are no messages to slaves, and at last what ended the loop if that failed.
         observers: are told what happens, on this thread.
+        limits: of the cluster.
     """
 
     def __init__(
@@ -133,9 +167,11 @@ class MasterLoop:
         watch: Watch,
         answers: queue.SimpleQueue[m.Instruction | BaseException],
         observers: Sequence[ClusterObserver] = (),
+        limits: ClusterLimits | None = None,
     ) -> None:
         self.state = state
-        self._shell = MasterShell(state, listener, answers.put, observers)
+        self._shell = MasterShell(state, listener, answers.put, observers, carried=network.carried)
+        self._dead_s = (limits or ClusterLimits()).dead_s
         self._network = network
         self._mailbox = mailbox
         self._watch = watch
@@ -174,6 +210,7 @@ class MasterLoop:
             for event in ended:
                 self._shell.handle(event)
             self._shell.handle(m.Tick())
+            self._shell.look_at_receipts(self._dead_s)
             self._tell_of_slaves(now)
 
     def _tell_of_slaves(self, now: float) -> None:

@@ -93,7 +93,7 @@ class MasterServer:
             self._stack.callback(self._mailbox.close)
             here = {platform.node(): available_cores()}
             state = Master(slaves, versions() if agreed is None else agreed, limits, most, here)
-            self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers, observers)
+            self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers, observers, limits)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()
         except BaseException:

@@ -21,7 +21,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 35
+PROTOCOL = 36
 
 
 # From a slave to the master.
@@ -342,7 +342,13 @@ class Dismissed:
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """The sender lives."""
+    """The sender lives.
+
+    Attributes:
+        received: messages that have come there over the first connection since Hello or Welcome, but for heartbeats.
+    """
+
+    received: int = 0
 
 
 @dataclass(frozen=True)
@@ -368,6 +374,13 @@ class PeerWelcome:
     """The answer to PeerHello: the slave of this number takes batches of the sender."""
 
     number: int
+
+
+@dataclass(frozen=True)
+class PeerReceived:
+    """So many messages have come over this connection since PeerHello."""
+
+    messages: int
 
 
 @dataclass(frozen=True)
@@ -459,4 +472,7 @@ Ordered = Partition | StartTask | BuildMaps | SetView | AwaitRecords | SetRecord
 FromMaster = Welcome | Refuse | Setup | Ordered | Dismissed | Stop | Heartbeat | Rejected
 FromPeer = PeerHello | PeerBatches
 PeerAnswer = PeerWelcome | Rejected
-Message = FromSlave | FromMaster | FromPeer | PeerAnswer | FromReader | ToReader
+ToPeer = PeerAnswer | PeerReceived
+"""What a slave says over a connection that a peer has made to it."""
+
+Message = FromSlave | FromMaster | FromPeer | ToPeer | FromReader | ToReader

@@ -82,14 +82,21 @@ class ComputeFailed:
 
 @dataclass(frozen=True)
 class PeerLost:
-    """The connection to a peer is gone."""
+    """The connection to a peer is gone.
+
+    Attributes:
+        reason: why it was given up, where it did not break.
+    """
 
     number: int
+    reason: str = ""
 
 
 @dataclass(frozen=True)
 class MasterLost:
     """The connection to the master is gone."""
+
+    reason: str = "the connection broke"
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.account import Account
 from wdpm.cluster.slave.computer import ComputeThread, why_unfit
+from wdpm.cluster.slave.deliveries import MASTER, Deliveries
 from wdpm.cluster.slave.job_queue import HOLD_S
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
@@ -32,7 +33,7 @@ from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError,
 FROM_MASTER = packing.by_name(protocol.FromMaster)
 FROM_PEER = packing.by_name(protocol.FromPeer)
 
-PEER_ANSWER = packing.by_name(protocol.PeerAnswer)
+PEER_ANSWER = packing.by_name(protocol.ToPeer)
 """What comes over a connection to a peer; its own messages come over the one that it makes."""
 
 Tell = Callable[[str], None]
@@ -84,6 +85,7 @@ class SlaveShell:
         self._clock = clock
         self._account = account
         self._run_here = run_here
+        self._deliveries = Deliveries()
         self._identity = uuid.uuid4().bytes
         self._peers: dict[int, Connection] = {}
         self._endpoints: dict[int, str] = {}
@@ -113,6 +115,17 @@ class SlaveShell:
             # What is done about one may be a short job, whose rays find that another is gone.
             if self._peers.get(number) is connection and connection.broke():
                 self._lose_peer(number)
+
+    def look_at_deliveries(self) -> None:
+        """Tell peers what has come of theirs, and the state machine over which connections nothing comes any more."""
+        now = self._clock()
+        for identity, answer in self._deliveries.answers(now):
+            self._listener.send(identity, answer)  # one that is gone needs none
+        for number, reason in self._deliveries.stuck(now):
+            if number == MASTER:
+                self.handle(s.MasterLost(reason))
+            elif number in self._peers:  # or what was done about another one has closed it
+                self._lose_peer(number, reason)
 
     def sleep_s(self) -> float:
         """How long it may sleep now, if nothing comes [s]."""
@@ -152,7 +165,9 @@ class SlaveShell:
         """Send the master a message. If the connection is gone, `find_broken_connections` will hear of it."""
         if self._account is not None:
             message = self._account.attach_to(message)
-        self._master.send(message)
+        before = self._network.carried.sent
+        self._master.send(self._deliveries.to_master(message))
+        self._deliveries.sent_to_master(message, self._network.carried.sent - before)
 
     def close(self) -> None:
         """Let go of all connections."""
@@ -170,6 +185,7 @@ class SlaveShell:
             else:
                 if isinstance(message, protocol.Welcome):
                     self.turn_s = max(TURN_S, message.heartbeat_s / TURNS_A_HEARTBEAT)
+                self._deliveries.master_said(message)
                 self.handle(s.MasterSaid(message))
 
     def _receive_from_peers(self) -> bool:
@@ -183,6 +199,8 @@ class SlaveShell:
             if isinstance(message, ProtocolError):
                 self.handle(s.Unreadable(identity, str(message)))
             else:
+                if isinstance(message, protocol.PeerBatches):
+                    self._deliveries.peer_said(identity)
                 self.handle(s.PeerSaid(identity, message, more=True))
         if came:
             self.handle(s.Wake())
@@ -202,6 +220,8 @@ class SlaveShell:
             message = connection.receive()
             if isinstance(message, ProtocolError):
                 self.handle(s.PeerAnswered(number, protocol.Rejected(f"what cannot be read ({message})")))
+            elif isinstance(message, protocol.PeerReceived):
+                self._deliveries.peer_told(number, message)
             elif message is not None:
                 self.handle(s.PeerAnswered(number, message))
 
@@ -223,6 +243,7 @@ class SlaveShell:
             case s.AnswerPeer(identity, message):
                 if isinstance(message, protocol.PeerWelcome):
                     self._listener.admit(identity)
+                    self._deliveries.greeted(identity)
                 if self._account is not None:
                     self._account.sent.add(message)
                 self._listener.send(identity, message)  # a stranger that is gone needs no answer
@@ -241,14 +262,20 @@ class SlaveShell:
             return  # lost before, and the master knows
         before = self._network.carried.sent
         delivered = connection.send(message)
+        size = self._network.carried.sent - before
+        self._deliveries.sent_to_peer(number, message, size)
         if self._account is not None:
-            self._account.sent.add(message, self._network.carried.sent - before)
+            self._account.sent.add(message, size)
         if not delivered:
             self._lose_peer(number)
 
-    def _lose_peer(self, number: int) -> None:
-        self._peers.pop(number).close(deliver=False)
-        self.handle(s.PeerLost(number))
+    def _lose_peer(self, number: int, reason: str = "") -> None:
+        self._close_peer(number, deliver=False)
+        self.handle(s.PeerLost(number, reason))
+
+    def _close_peer(self, number: int, *, deliver: bool) -> None:
+        self._peers.pop(number).close(deliver=deliver)
+        self._deliveries.forget_peer(number)
 
     def _connect_master(self) -> Connection:
         # The same identity again, so that a second connection is known for the same slave.
@@ -256,7 +283,7 @@ class SlaveShell:
 
     def _connect_peers(self, peers: dict[int, str]) -> None:
         for number in [number for number in self._peers if peers.get(number) != self._endpoints[number]]:
-            self._peers.pop(number).close(deliver=True)
+            self._close_peer(number, deliver=True)
         for number, endpoint in peers.items():
             if number in self._peers:
                 continue
@@ -329,5 +356,6 @@ class SlaveLoop:
             if now - ticked >= shell.turn_s:
                 ticked = now
                 shell.handle(s.Tick())
+                shell.look_at_deliveries()
                 if shell.state.number >= 0 and (vitals := self._vital_signs.due(now)) is not None:
                     shell.tell_master(vitals)

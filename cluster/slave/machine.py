@@ -167,15 +167,15 @@ class Slave:
                 return self._unreadable_peer(identity, reason)
             case ComputeFailed(text):
                 return self._fail(text)
-            case PeerLost(number):
+            case PeerLost(number, reason):
                 # Not this slave's to judge: the peer may have died, or have been told to stop a moment earlier.
                 self._peers.lost(number)
-                return [ToMaster(protocol.PeerGone(number))]
-            case MasterLost():
+                return [*([ToMaster(protocol.Note(reason))] if reason else []), ToMaster(protocol.PeerGone(number))]
+            case MasterLost(reason):
                 if self._welcome is None:
                     self._attempts.wait_for_nobody()
                     return []  # it does not listen yet
-                return self._join_again("the connection broke", now)
+                return self._join_again(reason, now)
             case MasterReached():
                 self._refused = False  # another try was not accepted, or cut off before keys were agreed on
                 self._attempts.wait_for_answer(now)

@@ -8,7 +8,8 @@ a `Mailbox`.
 What every implementation keeps, since the state machines rely on it:
 
 * Messages of one sender to one receiver arrive once, in order and whole, or not at all. Heartbeats alone, which say no
-  more than that their sender lives, may overtake others and come twice: they must not wait behind bulk data.
+  more than that their sender lives and what has come there, and Dismissed may overtake others and come twice: they must
+  not wait behind bulk data.
 * `send` never waits for the other end: two loops that waited for each other would wait forever.
 * A connection that broke stays broken, and says so. Mending it in secret would leave a hole where the messages were
   that were under way.

@@ -2,8 +2,9 @@
 
 A cell's triangles take minutes over a slow link, and whatever is sent after them arrives after them. So a slave opens
 a second connection to its master's ROUTER once it sends heartbeats, under its own identity with `SUFFIX`. It carries
-nothing else, so nothing is lost when it breaks: ZeroMQ may mend this one by itself. Heartbeats go over the first
-connection too: there they tell whether it stands.
+nothing else that counts, so nothing is lost when it breaks: ZeroMQ may mend this one by itself. Heartbeats go over the
+first connection too: there they tell whether it stands. So does Dismissed: a slave whose first connection swallows all
+that is sent would not hear it otherwise.
 """
 
 from __future__ import annotations
@@ -12,13 +13,17 @@ from collections.abc import Callable
 
 import zmq
 
-from wdpm.cluster.messages.protocol import Heartbeat
+from wdpm.cluster.messages.protocol import Dismissed, Heartbeat
 from wdpm.cluster.transport.transport import Accepted
 from wdpm.cluster.transport.zeromq.sockets import Socket, send
 
 SUFFIX = b"/heartbeats"
 
 ONLY_HEARTBEATS: Accepted = {"Heartbeat": Heartbeat}
+"""What a slave says over it."""
+
+TO_SLAVE: Accepted = {**ONLY_HEARTBEATS, "Dismissed": Dismissed}
+"""What the master does."""
 
 _RECONNECT_MS = 200
 _RECONNECT_MOST_MS = 5000

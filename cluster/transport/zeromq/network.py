@@ -16,13 +16,13 @@ from zmq.utils.monitor import recv_monitor_message
 
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
-from wdpm.cluster.messages.protocol import FromReader, Heartbeat, Message
+from wdpm.cluster.messages.protocol import Dismissed, FromReader, Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
 from wdpm.cluster.transport import local_sockets, open_files
 from wdpm.cluster.transport.keys import Guests, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Accepted, Carried, Received, Role
 from wdpm.cluster.transport.zeromq import curve
-from wdpm.cluster.transport.zeromq.heartbeat_lane import ONLY_HEARTBEATS, HeartbeatLane, lane_of, owner
+from wdpm.cluster.transport.zeromq.heartbeat_lane import ONLY_HEARTBEATS, TO_SLAVE, HeartbeatLane, lane_of, owner
 from wdpm.cluster.transport.zeromq.sockets import (
     Socket,
     bind,
@@ -120,7 +120,7 @@ class ZeroMQListener:
 
     def send(self, identity: bytes, message: Message) -> bool:
         """Answer. The master's ROUTER knows who is gone; a slave's drops what nobody takes, and says True."""
-        if isinstance(message, Heartbeat):
+        if isinstance(message, Heartbeat | Dismissed):
             self._send(lane_of(identity), message)
         return self._send(identity, message)
 
@@ -171,9 +171,9 @@ class ZeroMQConnection:
         return True
 
     def receive(self) -> Received | None:
-        """The next answer; heartbeats first."""
+        """The next answer; what comes over the lane first."""
         if self.lane is not None and (beat := self._network.first_of(self.lane.socket)) is not None:
-            return read(receive_all(beat, self.lane.socket, 1), ONLY_HEARTBEATS, stranger=True)
+            return read(receive_all(beat, self.lane.socket, 1), TO_SLAVE, stranger=True)
         # Last words may have come after the wait that ended before the news that this broke.
         first = receive_first(self.socket) if self._told else self._network.first_of(self.socket)
         if first is None:

@@ -11,7 +11,7 @@ from wdpm.cluster.master.loop import MasterLoop, MasterShell
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.transport.mailbox import Mailbox
-from wdpm.cluster.transport.transport import TURN_MESSAGES, Listener, Network, Received
+from wdpm.cluster.transport.transport import TURN_MESSAGES, Carried, Listener, Network, Received
 
 SLAVE = b"slave"
 GOODBYE = protocol.Goodbye("it has not enough memory")
@@ -100,6 +100,7 @@ class Ended:
     """
 
     endpoint = "none"
+    carried = Carried()
 
     def __init__(self) -> None:
         self._said: deque[Received] = deque()

@@ -33,7 +33,7 @@ def table(heading: str) -> dict[str, list[str]]:
     [
         ("Messages from a slave to the master", protocol.FromSlave),
         ("Messages from the master to a slave", protocol.FromMaster),
-        ("Messages between slaves", protocol.FromPeer | protocol.PeerAnswer),
+        ("Messages between slaves", protocol.FromPeer | protocol.ToPeer),
         ("Messages of those who only look", protocol.FromReader | protocol.ToReader),
     ],
 )

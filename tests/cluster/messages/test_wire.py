@@ -138,7 +138,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Note: st.builds(p.Note, texts),
     p.Failed: st.builds(p.Failed, texts),
     p.Goodbye: st.builds(p.Goodbye, texts),
-    p.Heartbeat: st.just(p.Heartbeat()),
+    p.Heartbeat: st.builds(p.Heartbeat, counts),
     p.Rejected: st.builds(p.Rejected, texts),
     p.Welcome: st.builds(p.Welcome, counts, texts, st.floats(0.1, 10), st.floats(0.1, 100)),
     p.Refuse: st.builds(p.Refuse, texts),
@@ -181,7 +181,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     **{kind: st.builds(kind, epochs) for kind in (p.AwaitRecords, p.ReadStatistics)},
     p.Stop: st.builds(p.Stop, texts, st.booleans()),
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
-    p.PeerWelcome: st.builds(p.PeerWelcome, counts),
+    **{kind: st.builds(kind, counts) for kind in (p.PeerWelcome, p.PeerReceived)},
     p.PeerBatches: st.builds(p.PeerBatches, epochs, st.lists(batches, max_size=3).map(tuple)),
     p.AskStatus: st.just(p.AskStatus()),
     p.StatusReport: st.builds(

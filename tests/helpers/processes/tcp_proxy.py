@@ -1,4 +1,4 @@
-"""A TCP proxy that does to connections what networks do: delay, throttle, cut, and forget without a word."""
+"""A TCP proxy that does to connections what networks do: delay, throttle, cut, forget and swallow without a word."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ class TcpProxy:
         self._bytes_per_s, self._delay_s, self._frozen = bytes_per_s, delay_s, frozen
         self.opened = 0
         self._halted = False
+        self._swallowed: set[tuple[int, bool]] = set()  # numbers of connections, and whether it is what goes there
         self._cut_until = 0.0
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
@@ -63,6 +64,15 @@ class TcpProxy:
     def freeze(self) -> None:
         """Carry nothing any more, on no connection, and tell nobody."""
         self._halted = True
+
+    def swallow(self, *numbers: int, there: bool) -> None:
+        """Take what comes over these connections, and throw it away: whoever sends it sees that it was taken.
+
+        Args:
+            numbers: of connections, from 0.
+            there: whether what goes to the target, or what comes from it.
+        """
+        self._swallowed |= {(number, there) for number in numbers}
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -92,13 +102,28 @@ class TcpProxy:
         self._writers.add(writer)
         if number in self._frozen:
             return
-        there, back = await asyncio.open_connection(*self._target, limit=_BUFFER)
+        try:
+            there, back = await asyncio.open_connection(*self._target, limit=_BUFFER)
+        except ConnectionError:  # nobody listens there any more
+            writer.transport.abort()
+            return
         self._writers.add(back)
-        await asyncio.gather(self._carry(reader, back, self._links[0]), self._carry(there, writer, self._links[1]))
+        await asyncio.gather(
+            self._carry(reader, back, self._links[0], (number, True)),
+            self._carry(there, writer, self._links[1], (number, False)),
+        )
 
-    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, link: asyncio.Lock) -> None:
+    async def _carry(
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        link: asyncio.Lock,
+        way: tuple[int, bool],
+    ) -> None:
         with contextlib.suppress(ConnectionError, asyncio.CancelledError):
             while data := await reader.read(_CHUNK):
+                if way in self._swallowed:
+                    continue
                 while self._halted:
                     await asyncio.sleep(0.02)
                 if self._bytes_per_s is not None:
