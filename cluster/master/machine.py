@@ -40,7 +40,7 @@ from wdpm.cluster.master.joining import JoinWait
 from wdpm.cluster.master.members import MOST_SETBACKS, Member, Members, Setbacks
 from wdpm.cluster.master.phases import Phases
 from wdpm.cluster.master.render_status import Phase, RenderStatus, seen
-from wdpm.cluster.messages import protocol
+from wdpm.cluster.messages import endpoints, protocol
 from wdpm.kernels.launch import ONE_THREAD, Launcher
 from wdpm.scenes.errors import ProtocolError
 
@@ -384,10 +384,13 @@ class Master:
             return self._lose(peer, f"{member} cannot reach it, and it has been silent for {silence:.0f} s", now)
         if unreachable:
             endpoint = peer.hello.peers.partition("#")[0]  # the rest is a key
-            return self._break(
-                f"{member} cannot reach {peer} at {endpoint}: {unreachable}; check that a firewall lets slaves "
-                "connect to each other at any port, and that both machines are in one network"
+            advice = endpoints.check_reach(
+                endpoint,
+                "check that a firewall lets slaves connect to each other at any port, and that both machines are in "
+                "one network",
             )
+            reason = unreachable if advice in unreachable else f"{unreachable}; {advice}"
+            return self._break(f"{member} cannot reach {peer} at {endpoint}: {reason}")
         if self._phases.epoch_of(member) != separation.epoch:
             return []  # many connections break together: for the first of them all have begun anew, and connected again
         text = f"the connection from {member} to {peer} broke"

@@ -17,10 +17,8 @@ from wdpm.cluster.master.cell_holders import balanced_holders
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.tasks import LATE_S
 from wdpm.cluster.messages import protocol
+from wdpm.cluster.messages.endpoints import LOCAL
 from wdpm.cluster.task import PhotonTask
-
-SHARING = "ipc://"
-"""How the endpoints of slaves begin that share memory: cluster.transport.local_sockets."""
 
 UNAWAITED = (protocol.ViewSet, protocol.RecordsSet)
 """Answers that a slave alone is not waited for: that it has the view, or the records, that it was sent."""
@@ -233,7 +231,7 @@ def begin_early(
 
 def all_share_memory(teams: Sequence[Team]) -> bool:
     """Whether all slaves are on one machine and share memory: one makes what all then have (host_cache.py)."""
-    return all(member.hello.peers.startswith(SHARING) for team in teams for member in team.members)
+    return all(member.hello.peers.startswith(LOCAL) for team in teams for member in team.members)
 
 
 def map_orders(teams: Sequence[Team], regions: NDArray[np.float32]) -> list[tuple[Member, protocol.BuildMaps]]:

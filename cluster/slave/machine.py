@@ -14,7 +14,7 @@ from collections import Counter
 
 from wdpm.cluster.batch import OF_MAPS, Batch
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.messages import checks, protocol
+from wdpm.cluster.messages import checks, endpoints, protocol
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.attempts import Attempts
 from wdpm.cluster.slave.cells import ArrivingCells
@@ -246,7 +246,9 @@ class Slave:
                 )
             return self._exit(
                 f"no master answered at {self._endpoint} {within}; "
-                "check that `wdpm master` runs there, and its address, port and firewall"
+                + endpoints.check_reach(
+                    self._endpoint, "check that `wdpm master` runs there, and its address, port and firewall"
+                )
             )
         if (wait := self._attempts.due(now)) is None:
             return []

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from wdpm.cluster.limits import MOST_SLAVES
-from wdpm.cluster.messages import protocol
+from wdpm.cluster.messages import endpoints, protocol
 from wdpm.cluster.slave.events import AnswerPeer, Instruction, ToMaster
 
 
@@ -109,7 +109,8 @@ class Peers:
 
     def _note(self, peer: int) -> ToMaster:
         endpoint, left = self._endpoints[peer].partition("#")[0], self._dead_s - self._answer_s
-        waits = f"after {self._answer_s:g} s; it waits for {left:g} s more (does a firewall keep slaves apart?)"
+        asked = endpoints.check_reach(endpoint, "does a firewall keep slaves apart?")
+        waits = f"after {self._answer_s:g} s; it waits for {left:g} s more ({asked})"
         return ToMaster(protocol.Note(f"has no answer of slave {peer} at {endpoint} {waits}"))
 
     def _unreachable(self, peers: Sequence[int], reason: str) -> list[Instruction]:

@@ -14,10 +14,9 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from wdpm.cluster.messages.endpoints import LOCAL, check_reach
 from wdpm.cluster.transport.host_share import HostShare, host_share, remove_traces
 from wdpm.scenes.errors import ClusterError, SettingsError
-
-SCHEME = "ipc://"
 
 MASTER = "master"
 """The name of the master's socket in its folder."""
@@ -30,7 +29,7 @@ _NAME_BYTES = 8
 
 def is_local(address: str) -> bool:
     """Whether an address is one of these."""
-    return address.startswith(SCHEME)
+    return address.startswith(LOCAL)
 
 
 def resolve(address: str) -> str:
@@ -40,6 +39,9 @@ def resolve(address: str) -> str:
         raise SettingsError(f"'{address}' is no address; expected ipc:// and a path from / of at most {LONGEST} bytes")
     try:
         found = path.parent.stat()
+    except FileNotFoundError:
+        advice = check_reach(address, "")
+        raise SettingsError(f"cannot use {address}: its folder is not there, or no longer; {advice}") from None
     except OSError as error:
         raise SettingsError(f"cannot use {address}: {error.strerror}") from None
     if found.st_uid != os.geteuid() or found.st_mode & 0o077:
@@ -60,7 +62,7 @@ def remove(address: str) -> None:
 
 def beside(address: str) -> str:
     """A new address in the folder of another one."""
-    return f"{SCHEME}{_path(address).parent}/{secrets.token_hex(_NAME_BYTES)}"
+    return f"{LOCAL}{_path(address).parent}/{secrets.token_hex(_NAME_BYTES)}"
 
 
 @contextlib.contextmanager
@@ -75,7 +77,7 @@ def address_for_master() -> Iterator[str | None]:
     """
     folder = _new_folder() if os.name == "posix" else None
     try:
-        address = f"{SCHEME}{folder}/{MASTER}"
+        address = f"{LOCAL}{folder}/{MASTER}"
         fits = folder is not None and len(os.fsencode(folder)) + 2 + 2 * _NAME_BYTES <= LONGEST
         yield address if fits and address.isascii() and address.isprintable() else None
     finally:
@@ -115,4 +117,4 @@ def leave_orphaned(address: str, *, last: bool = False) -> None:
 
 
 def _path(address: str) -> Path:
-    return Path(address.removeprefix(SCHEME))
+    return Path(address.removeprefix(LOCAL))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from fake_worker import arrays
-from master_driver import LIMITS, broken
+from master_driver import LIMITS, A, B, broken, hello
 from master_driver import Driver as MasterDriver
 from slave_driver import EPOCH, PEER, PEERS, WELCOME, Driver, setup, to_master
 
@@ -14,6 +16,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 
+CLEARED = "see that nothing clears /tmp/wdpm-x, where the sockets are, or set TMPDIR to another folder"
 ANSWER_S, PATIENCE_S = ClusterLimits().peer_answer_s, ClusterLimits().dead_s
 BATCH = p.PeerBatches(EPOCH, (Batch.of_task(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)),))
 
@@ -150,6 +153,26 @@ def test_the_master_names_both_machines_and_what_to_check() -> None:
         "slave 0 (host, process 0) cannot reach slave 1 (host, process 1) at tcp://peer:1: no answer"
     )
     assert "firewall" in reason
+
+
+@pytest.mark.parametrize("reason", ["no answer within 15 s", f"its folder is no longer there; {CLEARED}"])
+def test_no_firewall_keeps_apart_whose_sockets_are_files(reason: str) -> None:
+    driver = MasterDriver()
+    for number, identity in enumerate((A, B)):
+        driver.says(identity, replace(hello(number), peers=f"ipc:///tmp/wdpm-x/{number}"))
+    driver.says(A, p.PeerUnreachable(1, reason))
+    told = broken(driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s))
+    assert "firewall" not in told
+    assert told.count(CLEARED) == 1
+
+
+def test_a_person_hears_early_that_a_folder_may_be_gone() -> None:
+    driver = Driver()
+    driver(s.Start())
+    driver.told(WELCOME, setup(peers=tuple(f"ipc:///tmp/wdpm-x/{number}" for number in range(3))))
+    notes = [message.text for message in told_master(driver, ANSWER_S + 1) if isinstance(message, p.Note)]
+    assert len(notes) == 2
+    assert all(CLEARED in note and "firewall" not in note for note in notes)
 
 
 @pytest.mark.parametrize("number", [-1, 2])

@@ -73,7 +73,10 @@ def test_a_folder_for_temporary_files_that_is_gone_is_one_line(monkeypatch: pyte
     [
         ("relative", "expected ipc:// and a path from /"),
         ("/" + 110 * "a", "of at most 100 bytes"),
-        ("/no-such-folder/master", "No such file or directory"),
+        (
+            "/no-such-folder/master",
+            "its folder is not there, or no longer; see that nothing clears /no-such-folder, where the sockets are, or",
+        ),
     ],
 )
 def test_addresses_that_are_none(name: str, message: str) -> None:

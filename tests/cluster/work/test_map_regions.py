@@ -14,10 +14,9 @@ from fake_worker import make_session
 
 import wdpm
 from wdpm.cluster.master.map_regions import LEAST_PLACES, regions_of
-from wdpm.cluster.master.teams import SHARING, all_share_memory
+from wdpm.cluster.master.teams import all_share_memory
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session
-from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.work.overlap_band import Region
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.world import IrradiancePlan
@@ -106,7 +105,6 @@ def test_where_regions_bring_nothing_there_are_none(whole: Session, teams: int) 
 )
 def test_who_shares_memory_has_no_use_for_regions(endpoints: list[str], expected: bool) -> None:
     """One of them builds the whole map for all."""
-    assert SHARING == local_sockets.SCHEME
     teams: Any = [SimpleNamespace(members=[SimpleNamespace(hello=SimpleNamespace(peers=peers))]) for peers in endpoints]
     assert all_share_memory(teams) is expected
 
