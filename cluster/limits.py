@@ -59,7 +59,8 @@ class ClusterLimits:
         shared_in_flight: the same where a slave holds but a part of the scene. Its buckets wait for its peers, and all
             that is in flight must keep each cell busy, and many a bucket sees few of them.
         cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
-        part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
+        part_triangles: triangles of one Partition message, 140 bytes each: 9 MB. What is swallowed on the way is missed
+            the later, the longer a message is (transport.receipts).
     """
 
     heartbeat_s: float = 2.0
@@ -85,7 +86,7 @@ class ClusterLimits:
     buckets_in_flight: int = 2
     shared_in_flight: int = 6
     cells_in_flight: int = 2
-    part_triangles: int = 450_000
+    part_triangles: int = 65_536
 
     @property
     def slept_s(self) -> float:

@@ -160,6 +160,21 @@ def test_where_nobody_is_left_the_render_ends_with_one_error() -> None:
     assert [type(end) for end in cluster.ends] == [MasterLostError]
 
 
+def test_all_that_comes_is_known_to_have_come() -> None:
+    """Or a cluster that has nothing to do for a while would fall apart."""
+    with MasterServer("tcp://127.0.0.1:0", 2, limits=LIMITS, agreed=AGREED) as master:
+        slaves = [SlaveThread(master.endpoint, limits=LIMITS) for _ in range(2)]
+        notes = Notes()
+        for digest in ("a", "b"):
+            session = make_session(2, 4, digest)
+            result = master.render(session, notes)
+            check_picture(session, result.layers)
+            time.sleep(1.5 * patience_s(LIMITS.dead_s))
+            assert len(result.lost) == 0
+    assert [slave.end() for slave in slaves] == [None, None]
+    assert not any("lost" in line or "broke" in line for line in notes.lines)
+
+
 def test_a_slow_link_that_moves_is_not_given_up() -> None:
     """What waits takes longer than anybody may be silent, and no part of it does."""
     with (
