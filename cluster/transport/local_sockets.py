@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from wdpm.cluster.messages.endpoints import LOCAL, check_reach
+from wdpm.cluster.transport import orphaned_folders
 from wdpm.cluster.transport.host_share import HostShare, host_share, remove_traces
 from wdpm.scenes.errors import ClusterError, SettingsError
 
@@ -69,6 +70,8 @@ def beside(address: str) -> str:
 def address_for_master() -> Iterator[str | None]:
     """An address in a folder of its own, which is removed at the end; None where there can be none.
 
+    Folders of masters that were killed with all their slaves are removed first.
+
     That is on Windows, whose folders have no owner and mode in this sense, and where paths of temporary files are too
     long, or have letters that no endpoint has (messages.checks).
 
@@ -76,6 +79,7 @@ def address_for_master() -> Iterator[str | None]:
         SettingsError: no folder can be made where temporary files go.
     """
     folder = _new_folder() if os.name == "posix" else None
+    lock = None if folder is None else orphaned_folders.lock(folder)
     try:
         address = f"{LOCAL}{folder}/{MASTER}"
         fits = folder is not None and len(os.fsencode(folder)) + 2 + 2 * _NAME_BYTES <= LONGEST
@@ -83,11 +87,14 @@ def address_for_master() -> Iterator[str | None]:
     finally:
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
 
 
 def _new_folder() -> Path:
     try:
-        return Path(tempfile.mkdtemp(prefix="wdpm-"))
+        orphaned_folders.remove_orphaned(Path(tempfile.gettempdir()))
+        return Path(tempfile.mkdtemp(prefix=orphaned_folders.FOLDER_PREFIX))
     except OSError as error:
         raise SettingsError(
             f"no folder for the sockets of slaves can be made ({error.strerror}); set TMPDIR to a folder that you can "
@@ -113,6 +120,8 @@ def leave_orphaned(address: str, *, last: bool = False) -> None:
         for path in folder.iterdir() if last else ():
             if path.is_socket():
                 path.unlink(missing_ok=True)
+        if os.listdir(folder) == [orphaned_folders.OWNER]:
+            (folder / orphaned_folders.OWNER).unlink()
         folder.rmdir()
 
 
