@@ -3,6 +3,7 @@
     python tests/chaos/linked_slave.py tcp://HOST:PORT [--delay S] [--rate BYTES] [--cut-every S]
 
 SIGUSR1 cuts all its links for a second; SIGUSR2 has them carry nothing any more, of which nobody is told: half open.
+SIGHUP has them swallow what peers send over the connections that they have just then.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ def main() -> None:
     args = parser.parse_args()
     links = Links(delay_s=args.delay, bytes_per_s=args.rate)
     signal.signal(signal.SIGUSR1, lambda *_: threading.Thread(target=links.cut, daemon=True).start())
-    signal.signal(signal.SIGUSR2, lambda *_: links.freeze())
+    signal.signal(signal.SIGUSR2, links.freeze)
+    signal.signal(signal.SIGHUP, links.swallow)
     if args.cut_every is not None:
         again_and_again(links.cut, args.cut_every)
     registry.register(SCHEME, lambda: LinkedTransport(links))

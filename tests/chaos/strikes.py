@@ -46,6 +46,7 @@ KINDS = {
     "minute": Kind(signal.SIGSTOP, stopped_s=60.0),
     "cut": Kind(signal.SIGUSR1, link=()),
     "half-open": Kind(signal.SIGUSR2, link=(), loses=True, longest_s=600.0),
+    "swallow": Kind(signal.SIGHUP, link=(), longest_s=600.0),
     "delay": Kind(None, link=("--delay", "0.05")),
     "slow": Kind(None, link=("--rate", "1e6")),
     "flaky": Kind(None, link=("--cut-every", "40"), longest_s=600.0),

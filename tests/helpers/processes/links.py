@@ -45,6 +45,11 @@ class Links:
         for link in self.opened:
             link.cut(CUT_S)
 
+    def swallow(self, *_: object) -> None:
+        """Have what peers send over the connections that they have now come to nothing; its answers are carried."""
+        for link in self.opened[1:]:
+            link.swallow(*range(link.opened), there=True)
+
     def freeze(self, *_: object) -> None:
         """Have them carry nothing any more."""
         for link in self.opened:
