@@ -36,9 +36,6 @@ FEWEST_STRATA, MOST_STRATA = 0.7, 4.0
 LEAST_RAYS = 0.125
 """Gather rays of a record, as a share of those of CachePlan.rows and columns, however few the samples."""
 
-RAY_SAMPLES = 1 << 30
-"""Gather rays of records have sample numbers from here on: no camera sample has."""
-
 
 @dataclass(frozen=True)
 class CachePlan:

@@ -11,6 +11,13 @@ CHAIN_LIMIT: Final = 1024
 """Vertices of a camera path: Russian roulette ends nearly all long before; what this bound cuts off is reported."""
 
 
+RAY_SAMPLES: Final = 1 << 30
+"""Gather rays of irradiance records have sample numbers from here on: no camera sample has."""
+
+FURTHER_RAYS: Final = 1 << 29
+"""Number of the first of a record's further rays, after those of its strata, of which there are fewer."""
+
+
 POINTS_A_PHOTON: Final = 2
 """Surface points a photon: their count then adds little to the noise of the photons' own."""
 

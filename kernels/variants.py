@@ -13,6 +13,7 @@ from wdpm.kernels.camera.rays import make_camera_rays, make_visit_paths
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_shadow_segments, make_visit_walks
 from wdpm.kernels.features import Features, Group
+from wdpm.kernels.irradiance.lit_places import make_light_places
 from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.emit_photons import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
@@ -46,6 +47,7 @@ class Variants:
     add_beams: wp.Kernel | None
     gather_glossy: wp.Kernel | None
     feel_for_walls: wp.Kernel | None
+    light_places: wp.Kernel | None
     trace_samples: wp.Kernel | None
 
     def kernels(self) -> dict[str, wp.Kernel]:
@@ -87,6 +89,7 @@ def make_variants(features: Features) -> Variants:
         add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
         feel_for_walls=make_feel_for_walls(geometry) if features.traced else None,
+        light_places=make_light_places(at_surfaces) if features.translucent and features.traced else None,
         trace_samples=None if features.media else make_trace_samples(features),
     )
 

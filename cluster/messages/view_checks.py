@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from wdpm.cluster.allotment import OUTLINE_TIMES, Allotment, LampOutlines, blocks_of
 from wdpm.cluster.messages.demands import indices, require
-from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.world import View
-from wdpm.kernels.limits import MAX_K, MOST_CAUSTIC_SHARE
+from wdpm.kernels.limits import MAX_K, MOST_CAUSTIC_SHARE, RAY_SAMPLES
 
 
 def check_view(view: View, where: str) -> None:

@@ -76,7 +76,7 @@ class CameraPaths:
         self.vertices = 0
         self.guards.counts.clear()
         self.gathering.begin_view()
-        self.final_gather.begin_view()
+        self.final_gather.begin_view(self._scene)
         self._launches.begin_view(self._scene)
         self.within.begin_view()
 

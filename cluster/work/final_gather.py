@@ -24,7 +24,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
-from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
@@ -38,6 +37,7 @@ from wdpm.kernels.irradiance.at_camera_hits import OF_RECORDS, read_records
 from wdpm.kernels.irradiance.at_photons import read_irradiance
 from wdpm.kernels.irradiance.cache import interpolate
 from wdpm.kernels.irradiance.gather_places import Places, places_of_paths
+from wdpm.kernels.limits import RAY_SAMPLES
 from wdpm.kernels.rays.cell_triangles import Surfaces
 
 
@@ -140,10 +140,16 @@ class FinalGather:
         self._surfaces = surfaces
         self._store = store
         self._replica = replica
+        self._scene: Any = None
         self.counters = FinalGatherCounters()
 
-    def begin_view(self) -> None:
-        """Count anew."""
+    def begin_view(self, scene: Any) -> None:
+        """Count anew.
+
+        Args:
+            scene: kernels.camera.scene.Scene of the cell.
+        """
+        self._scene = scene
         self.counters = FinalGatherCounters()
 
     def decide(self, paths: Any, arrays: Arrays) -> Actions:
@@ -155,14 +161,15 @@ class FinalGather:
         """
         count = len(arrays["slot"])
         arrived = arrays["diffuse"] > 0
-        if self._store.irradiance is not None and arrived.all():
+        turns = self._turns()
+        if not turns and self._store.irradiance is not None and arrived.all():
             actions, found = self._arrive(self._store.irradiance, paths, arrays)
             self._read_records(paths, arrays, found, actions)
             return actions
         # Records are made for paths of one edge: from others all light is as many edges longer.
         later = arrays["edges"] > 1 if "edges" in arrays else np.zeros(count, np.bool_)
         later &= self._is_too_long(arrays, 1)
-        if self._replica.cache is not None and not arrived.any() and not later.any():
+        if not turns and self._replica.cache is not None and not arrived.any() and not later.any():
             return self._ask_records(self._replica.cache, paths, arrays)
         places = self._places(paths, count)
         actions = Actions(
@@ -224,6 +231,10 @@ class FinalGather:
         results = {f"{name}_out": array for name, array in made.items()}
         launcher(kernel, count, surfaces=self._surfaces, **arguments, **results)
         return columns.to_host(made), time.perf_counter() - began
+
+    def _turns(self) -> bool:
+        """Whether there are sheets whose places are those on their other side."""
+        return self._replica.world.features.translucent and self._replica.kernels.light_places is not None
 
     def _is_too_long(self, arrays: Arrays, onward: int) -> NDArray[np.bool_]:
         """Where light of photons may be of longer paths than there are to be, shape [N].
@@ -352,7 +363,7 @@ class FinalGather:
         return columns.to_host({name: made[name] for name in ("irradiance", "grazing", "weight")})
 
     def _cacheable(self, places: Any) -> NDArray[np.bool_]:
-        """Where the diffuse part is even, on the seen side."""
+        """Where the diffuse part is even, on the side that it is lit from."""
         material, front = np.divmod(columns.column(places, "side"), 2)
         seen: NDArray[np.bool_] = (self._replica.even_sides[material] & (2 - front)) != 0
         return seen
@@ -368,6 +379,8 @@ class FinalGather:
         launcher = self._replica.launcher
         places = columns.empty(Places, count, launcher.device)
         launcher(places_of_paths, count, surfaces=self._surfaces, paths=paths, places_out=places)
+        if self._turns():
+            launcher(self._replica.kernels.light_places, count, scene=self._scene, paths=paths, places=places)
         return places
 
     @property

@@ -45,6 +45,7 @@ from wdpm.kernels.materials.medium import (
     transmittance,
 )
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, PURPOSE_MEDIUM, sample_1d, sample_2d_fine, stream_of
+from wdpm.kernels.maths.sample_numbers import number_of_sample
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -65,7 +66,7 @@ def length_to(lights: wp.ref[Lights], p: Vertex) -> wp.float32:
 @wp.func
 def _number(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
     stream = stream_of(seed, PURPOSE_MEDIUM, p.item, _DIMENSIONS * p.bounce + dimension)
-    return wp.float32(sample_1d(wp.uint32(p.sample), stream))
+    return wp.float32(sample_1d(number_of_sample(p.sample), stream))
 
 
 @functools.cache
@@ -147,7 +148,7 @@ def make_shade_medium(features: Features) -> wp.Function:
         for j in range(orders.shots):
             shot = shot_of(p, diffuse, orders, j)
             if lit:
-                index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
+                index = number_of_sample(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
                 point = sample_2d_fine(index, stream_of(seed, PURPOSE_LIGHT, p.item, p.bounce))
                 found = sample_direct_from(scene.lights, scene.textures, position, starts, point)
                 if found.pdf > 0.0:

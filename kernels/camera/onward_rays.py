@@ -41,7 +41,7 @@ from wdpm.kernels.constants import (
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import Surface, bump_shading, goes_through, leave, to_local, to_world
+from wdpm.kernels.materials.surface import Surface, bump_shading, goes_through, leave, lit_normal, to_local, to_world
 from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -133,6 +133,9 @@ def make_go_on(features: Features) -> wp.Function:
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
+                leaves = lit_normal(s)
+                if s.through == 1:
+                    onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
                 way = by_diffuse_part(scene.caustics, s, numbers_2d(seed, p), orders.diffuse_light == BY_PATHS)
                 w_to = way.local
                 onward.direction = way.direction

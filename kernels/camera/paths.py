@@ -6,6 +6,7 @@ import warp as wp
 
 from wdpm.kernels.camera.camera import CameraView, whole_pixel
 from wdpm.kernels.columns import FromFields, columns_of, item_of, loader, storer
+from wdpm.kernels.maths.sample_numbers import item_of_sample
 from wdpm.kernels.ray_fields import PATH
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
 
@@ -42,7 +43,7 @@ store_hit = storer(Paths, Hit)
 def camera_path(camera: wp.ref[CameraView], paths: wp.ref[Paths], i: wp.int32) -> Vertex:
     """Where a camera path arrives."""
     p = load_path(paths, i)
-    p.item = wp.uint32(whole_pixel(camera, p.pixel))
+    p.item = item_of_sample(whole_pixel(camera, p.pixel), p.sample)
     p.row = i
     return p
 

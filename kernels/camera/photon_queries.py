@@ -10,7 +10,7 @@ from wdpm.kernels.camera.paths import Vertex
 from wdpm.kernels.camera.vertices import BY_PATHS, Coats, Orders, Queries
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import make_bsdf
-from wdpm.kernels.materials.surface import Surface
+from wdpm.kernels.materials.surface import Surface, lit_normal, lit_shading_normal
 from wdpm.kernels.materials.types import DIFFUSE, NULL
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instanced_triangles import make_triangles
@@ -55,8 +55,8 @@ def make_query(features: Features) -> wp.Function:
         queries_out.weight[i] = weight
         if orders.asks == 1:
             queries_out.position[i] = s.position
-            queries_out.normal[i] = s.normal
-            queries_out.shading_normal[i] = s.shading_normal
+            queries_out.normal[i] = lit_normal(s)
+            queries_out.shading_normal[i] = lit_shading_normal(s)
             queries_out.front_normal[i] = s.normal
             if s.front == 0:
                 queries_out.front_normal[i] = -s.normal

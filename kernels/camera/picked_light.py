@@ -26,9 +26,10 @@ from wdpm.kernels.lights.lights import DirectSample, Lights, make_lights
 from wdpm.kernels.lights.tree import BELOW_ONE, Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.microfacet import is_smooth
-from wdpm.kernels.materials.surface import Surface, bump_shading, scatters_to_either_side, to_local
+from wdpm.kernels.materials.surface import Surface, bump_shading, lit_normal, scatters_to_either_side, to_local
 from wdpm.kernels.materials.types import RADIANCE
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, PURPOSE_PICK, sample_1d, sample_2d_fine, stream_of
+from wdpm.kernels.maths.sample_numbers import number_of_sample
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -51,7 +52,7 @@ class PickedLight:
 
     Attributes:
         end: of the shadow segment.
-        side: above 0 where it leaves the surface by its front, below 0 by its back.
+        side: above 0 where it leaves the surface by the side that its diffuse part is lit from, below 0 by the other.
         radiance: that the surface sends to the viewer if nothing is in the way, over the density of the way.
     """
 
@@ -103,7 +104,7 @@ def make_picked_light(features: Features) -> wp.Function:
         Args:
             by_light: pdf_solid_angle of the way, times how many are drawn.
         """
-        side = wp.dot(s.normal, found.direction)
+        side = wp.dot(lit_normal(s), found.direction)
         w_to = to_local(s, found.direction)
         # Both normals must agree on the side that light comes from, or it would leak through what is opaque.
         seen_from = w_from[2]
@@ -151,7 +152,7 @@ def make_picked_light(features: Features) -> wp.Function:
             starts: light_starts of the place.
         """
         seed = scene.camera.seed
-        number = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
+        number = number_of_sample(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
         drawn = ways_of_shot(scene.lights, s, p, orders)
         of_vertex = wp.float32(ways_of_vertex(scene.lights, s, p, orders))
         points = stream_of(seed, PURPOSE_LIGHT, p.item, p.bounce)
@@ -181,7 +182,7 @@ def make_picked_light(features: Features) -> wp.Function:
             if takes:
                 own = weight
                 picked.end = found.end
-                picked.side = wp.dot(s.normal, found.direction)
+                picked.side = wp.dot(lit_normal(s), found.direction)
                 picked.radiance = wp.vec3(0.0)
                 if found.pdf > 0.0:
                     picked.radiance = wp.cw_mul(p.throughput, wp.cw_mul(scattering, found.radiance)) / found.pdf

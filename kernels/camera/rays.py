@@ -12,6 +12,7 @@ from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
+from wdpm.kernels.maths.sample_numbers import item_of_sample
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, entry_of, inverse_direction, next_cell, next_cell_of
@@ -54,7 +55,7 @@ def begin_path(camera: wp.ref[CameraView], ray: Ray, p: Vertex) -> Vertex:
     Args:
         p: which pixel's and sample's it is, and what it has met.
     """
-    p.item = wp.uint32(whole_pixel(camera, p.pixel))
+    p.item = item_of_sample(whole_pixel(camera, p.pixel), p.sample)
     p.edges = 1
     p.medium = camera.medium
     p.origin = ray.origin

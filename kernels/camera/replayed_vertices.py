@@ -19,6 +19,7 @@ from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface, make_surface
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, sample_2d_fine, stream_of
+from wdpm.kernels.maths.sample_numbers import number_of_sample
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -67,7 +68,7 @@ def make_replay_vertices(features: Features) -> wp.Kernel:
         for j in range(orders.shots):
             light = wp.int32(-1)
             if scene.lights.count > 0:
-                index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
+                index = number_of_sample(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
                 point = sample_2d_fine(index, stream_of(scene.camera.seed, PURPOSE_LIGHT, p.item, p.bounce))
                 found = sample_direct(scene.lights, scene.textures, position, point)
                 if found.pdf > 0.0:

@@ -20,7 +20,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import make_lights
 from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import Surface, leave
+from wdpm.kernels.materials.surface import Surface, leave, lit_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -78,9 +78,9 @@ def make_surface_light(features: Features) -> SurfaceLight:
         """
         way = picked_light(scene, s, p, w_from, diffuse_share, starts, orders, j)
         radiance = way.radiance
-        leaves = s.normal
+        leaves = lit_normal(s)
         if way.side < 0.0:
-            leaves = -s.normal
+            leaves = -leaves
         if p.bounce > 0:
             radiance = radiance / wp.float32(orders.shots)
         shot = shot_of(p, p.diffuse, orders, j)
@@ -88,7 +88,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
         shot.direction = way.end - shot.origin
         shot.radiance = radiance
         if wp.static(features.media):
-            if way.side < 0.0:
+            if wp.dot(leaves, s.normal) < 0.0:
                 shot.medium = medium_beyond(scene.materials, s.material, s.front, p.medium)
         shoot(p, orders, j, shot, shots_out)
 

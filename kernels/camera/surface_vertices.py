@@ -31,7 +31,7 @@ from wdpm.kernels.lights.choice import light_starts
 from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import make_surface, to_local
+from wdpm.kernels.materials.surface import make_surface, to_local, unfolded
 from wdpm.kernels.materials.types import BLACK, NULL
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -64,7 +64,7 @@ def make_shade_surface(features: Features) -> wp.Function:
         if wp.static(features.blend or features.passing):
             u_choice = number_1d(scene.camera.seed, p, CHOICE)
         s = surface_at(scene.surfaces, scene.materials, scene.textures, p.prim, p.u, p.v, to_viewer, u_choice)
-        w_from = to_local(s, to_viewer)
+        w_from = to_local(s, unfolded(s, to_viewer))
         if wp.static(features.media):
             if s.bsdf.kind != NULL or medium_beyond(scene.materials, s.material, s.front, p.medium) != p.medium:
                 shaded_out.stretches.end[i] = s.normal

@@ -12,6 +12,7 @@ from wdpm.kernels.fields import chosen
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.materials.types import Bsdf
 from wdpm.kernels.maths.random import PURPOSE_BOUNCE, sample_1d, sample_2d, stream_of
+from wdpm.kernels.maths.sample_numbers import number_of_sample
 from wdpm.kernels.ray_fields import RAY, SAMPLE, SHOT, STRETCH
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -190,13 +191,15 @@ class Orders:
 def number_1d(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
     """A random number of a vertex, in [0, 1)."""
     stream = stream_of(seed, PURPOSE_BOUNCE, p.item, DIMENSIONS * p.bounce + dimension)
-    return wp.float32(sample_1d(wp.uint32(p.sample), stream))
+    return wp.float32(sample_1d(number_of_sample(p.sample), stream))
 
 
 @wp.func
 def numbers_2d(seed: wp.uint32, p: Vertex) -> wp.vec2:
     """The random numbers of the direction in which a path goes on."""
-    return sample_2d(wp.uint32(p.sample), stream_of(seed, PURPOSE_BOUNCE, p.item, DIMENSIONS * p.bounce + DIRECTION))
+    return sample_2d(
+        number_of_sample(p.sample), stream_of(seed, PURPOSE_BOUNCE, p.item, DIMENSIONS * p.bounce + DIRECTION)
+    )
 
 
 @wp.func

@@ -17,7 +17,7 @@ from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.thin.rough_pane import ROUGH_PANE
 from wdpm.kernels.materials.thin.translucent import TRANSLUCENT
 from wdpm.kernels.materials.thin_dielectric import THIN_DIELECTRIC
-from wdpm.kernels.materials.types import Bsdf, BsdfSample
+from wdpm.kernels.materials.types import DIFFUSE, Bsdf, BsdfSample
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instanced_triangles import make_triangles
 
@@ -30,9 +30,11 @@ class Surface:
 
     Attributes:
         front: 1 where the seen side is the front.
+        through: 1 where its diffuse part has its light from the other side (kernels.materials.thin.translucent).
         normal: unit geometric normal on the seen side.
         shading_normal: unit shading normal, in the same hemisphere where nothing bends it.
-        s, t, n: axes of the local frame of `bsdf`: n is the shading normal of the material's front.
+        s, t, n: axes of the local frame of `bsdf`: n is the shading normal of the material's front; where light comes
+            through, that of the side that it comes from.
         bsdf: the material there, all textures read, all choices made.
         material: the root of its material tree.
         emitter: -1 where nothing is emitted.
@@ -50,6 +52,7 @@ class Surface:
     material: wp.int32
     emitter: wp.int32
     front: wp.int32
+    through: wp.int32
     uv: wp.vec2
     color: wp.vec3
     unbent: wp.vec3
@@ -61,6 +64,34 @@ def leave(position: wp.vec3, normal: wp.vec3, offset_min: wp.float32) -> wp.vec3
     """Where a ray that leaves a surface on the side of `normal` starts: certainly on that side."""
     size = wp.abs(normal[0] * position[0]) + wp.abs(normal[1] * position[1]) + wp.abs(normal[2] * position[2])
     return position + normal * (OFFSET_SHARE * size + offset_min)
+
+
+@wp.func
+def lit_normal(s: Surface) -> wp.vec3:
+    """The unit geometric normal on the side that light comes from which the diffuse part scatters to the seen side."""
+    if s.through == 1:
+        return -s.normal
+    return s.normal
+
+
+@wp.func
+def lit_shading_normal(s: Surface) -> wp.vec3:
+    """Likewise the shading normal."""
+    if s.through == 1:
+        return -s.shading_normal
+    return s.shading_normal
+
+
+@wp.func
+def unfolded(s: Surface, direction: wp.vec3) -> wp.vec3:
+    """A direction to the seen side, as if it was that which light comes from.
+
+    Where light comes through it points away from the surface on the other side: so a sheet seen through is a diffuse
+    surface like any other, seen from its lit side.
+    """
+    if s.through == 1:
+        return -direction
+    return direction
 
 
 @wp.func
@@ -77,10 +108,9 @@ def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
 
 @wp.func
 def lets_light_through(s: Surface) -> bool:
-    """Whether some of the light that comes to a surface goes on behind it, bent or scattered."""
+    """Whether some of the light that comes to a surface goes on behind it, bent or scattered by its glossy part."""
     glass = s.bsdf.kind == DIELECTRIC or s.bsdf.kind == THIN_DIELECTRIC
-    sheet = s.bsdf.kind == ROUGH_PANE or s.bsdf.kind == TRANSLUCENT
-    return glass or sheet or (s.bsdf.kind == PRINCIPLED and s.bsdf.spec_trans > 0.0)
+    return glass or s.bsdf.kind == ROUGH_PANE or (s.bsdf.kind == PRINCIPLED and s.bsdf.spec_trans > 0.0)
 
 
 @wp.func
@@ -250,6 +280,13 @@ def _make_surface_at(features: Features, *, turns: bool) -> wp.Function:
             s.bumps2 = r.bumps2
         if not front and r.flipped == 0:
             s.shading_normal = -r.n
+        if wp.static(features.translucent):
+            if r.bsdf.kind == TRANSLUCENT:
+                s.bsdf.kind = DIFFUSE
+                s.through = 1
+                s.n = -s.shading_normal
+                if wp.dot(s.n, r.n) < 0.0:
+                    s.unbent = -s.unbent
         return s
 
     made: wp.Function = surface_at

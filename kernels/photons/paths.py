@@ -33,10 +33,12 @@ from wdpm.kernels.materials.surface import (
     bump_shading,
     goes_through,
     leave,
+    lit_normal,
     make_surface,
     to_local,
     to_world,
     turned,
+    unfolded,
 )
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import FLUX
@@ -343,14 +345,14 @@ def make_arrive(features: Features) -> wp.Function:
         a.deposit.direction = to_source
         if (scene.materials.gathers[s.material] & (2 - s.front)) != 0:
             a.deposit.map = map_of(p.state, caustic, orders.stores_direct)
-        w_from = to_local(s, to_source)
+        w_from = to_local(s, unfolded(s, to_source))
         u = number_2d(p, DIRECTION)
         sampled = sample_all(s.bsdf, w_from, u_lobe, u, FLUX)
         if wp.static(features.glossy):
             if caustic and sampled.straight == 0:
                 sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, FLUX)
         a.goes_to = p.direction
-        a.leaves = s.normal
+        a.leaves = lit_normal(s)
         a.state = p.state
         a.medium = p.medium
         crosses = sampled.crosses
@@ -358,6 +360,7 @@ def make_arrive(features: Features) -> wp.Function:
             crosses = goes_through(s, sampled)
         if crosses == 1:
             a.leaves = -s.normal
+        if crosses == 1 or s.through == 1:
             a.medium = medium_beyond(scene.materials, s.material, s.front, p.medium)
         a.scattered = wp.cw_mul(arriving, sampled.weight)
         if sampled.straight == 0:

@@ -13,6 +13,7 @@ import warp as wp
 
 from wdpm.kernels.camera.gather_glossy import make_gather_at
 from wdpm.kernels.camera.paths import Vertex
+from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import (
     BY_FINAL_GATHER,
     BY_MAP,
@@ -29,11 +30,11 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance.arrivals import arrive
 from wdpm.kernels.irradiance.cache import interpolated
 from wdpm.kernels.irradiance.gather_places import Place, place_at
+from wdpm.kernels.irradiance.lit_places import make_lit_place
 from wdpm.kernels.irradiance.record_tree import IrradianceCache
 from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import PhotonMap
 from wdpm.kernels.photons.surface_points import of_surface
-from wdpm.kernels.rays.cell_triangles import Surfaces
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -183,61 +184,70 @@ def may_be_cached(known: wp.ref[KnownLight], place: Place) -> wp.bool:
     return known.interpolates == 1 and (known.even_sides[place.side >> 1] & (2 - (place.side & 1))) != 0
 
 
-@wp.func
-def decide(
-    surfaces: wp.ref[Surfaces],
-    known: wp.ref[KnownLight],
-    p: Vertex,
-    max_depth: wp.int32,
-    keys: wp.array[wp.uint64],
-    ints: wp.array[wp.int32],
-    notes: wp.ref[Notes],
-) -> Decision:
-    """What the diffuse part of a vertex does in BY_FINAL_GATHER, as cluster.work.final_gather decides.
+@functools.cache
+def make_decide(features: Features) -> wp.Function:
+    """The function `decide` for surfaces with a set of features."""
+    lit_place = make_lit_place(features)
 
-    Args:
-        p: as it arrives on a surface.
-        keys, ints: scratch of gathers.
-    """
-    decision = Decision()
-    decision.action = TRACE_ON
-    decision.by_length = wp.int32(max_depth > 0 and p.edges + known.longest > max_depth)
-    place = place_at(surfaces, p.direction, p.t, p.prim, p.u, p.v)
-    if p.diffuse > 0:
-        count(notes, RAYS, 1)
-        near = wp.int32(0)
-        if known.read_ahead == 1:
-            arrival = arrive(known.points, place, p.diffuse, known.reach, keys)
-            near = arrival.found
-            if arrival.code == CACHED:
-                decision.action = CACHED
-                decision.by_photons = 1
-                decision.radiance = arrival.value
-                decision.grazing = arrival.grazing
-        # What records read was read by others before them, at most one of each round.
-        too_long = max_depth > 0 and p.edges + known.rounds + known.longest > max_depth
-        if decision.action == TRACE_ON and not too_long and may_be_cached(known, place):
-            told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
-            if told.weight > 0.0 and told.weight >= known.wanted:
-                decision.action = CACHED
-                decision.radiance = told.irradiance * INV_PI
-                decision.grazing = told.grazing
-        if decision.action == TRACE_ON:
-            count(notes, UNREAD, 1 - near)
-            count(notes, SHORT, near)
-    else:
-        # Records are made for paths of one edge: from others all light is as many edges longer.
-        too_long = max_depth > 0 and p.edges > 1 and p.edges + 1 + known.longest > max_depth
-        if not too_long and may_be_cached(known, place):
-            told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
-            if told.weight > 0.0:
-                decision.action = CACHED
-                decision.radiance = told.irradiance * INV_PI
-                decision.grazing = told.grazing
-                count(notes, INTERPOLATED, 1)
-            else:
-                count(notes, UNCOVERED, 1)
-    return decision
+    @wp.func
+    def decide(
+        scene: wp.ref[Scene],
+        known: wp.ref[KnownLight],
+        p: Vertex,
+        max_depth: wp.int32,
+        keys: wp.array[wp.uint64],
+        ints: wp.array[wp.int32],
+        notes: wp.ref[Notes],
+    ) -> Decision:
+        """What the diffuse part of a vertex does in BY_FINAL_GATHER, as cluster.work.final_gather decides.
+
+        Args:
+            p: as it arrives on a surface.
+            keys, ints: scratch of gathers.
+        """
+        decision = Decision()
+        decision.action = TRACE_ON
+        decision.by_length = wp.int32(max_depth > 0 and p.edges + known.longest > max_depth)
+        place = place_at(scene.surfaces, p.direction, p.t, p.prim, p.u, p.v)
+        if wp.static(features.translucent):
+            place = lit_place(scene, p, place)
+        if p.diffuse > 0:
+            count(notes, RAYS, 1)
+            near = wp.int32(0)
+            if known.read_ahead == 1:
+                arrival = arrive(known.points, place, p.diffuse, known.reach, keys)
+                near = arrival.found
+                if arrival.code == CACHED:
+                    decision.action = CACHED
+                    decision.by_photons = 1
+                    decision.radiance = arrival.value
+                    decision.grazing = arrival.grazing
+            # What records read was read by others before them, at most one of each round.
+            too_long = max_depth > 0 and p.edges + known.rounds + known.longest > max_depth
+            if decision.action == TRACE_ON and not too_long and may_be_cached(known, place):
+                told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
+                if told.weight > 0.0 and told.weight >= known.wanted:
+                    decision.action = CACHED
+                    decision.radiance = told.irradiance * INV_PI
+                    decision.grazing = told.grazing
+            if decision.action == TRACE_ON:
+                count(notes, UNREAD, 1 - near)
+                count(notes, SHORT, near)
+        else:
+            # Records are made for paths of one edge: from others all light is as many edges longer.
+            too_long = max_depth > 0 and p.edges > 1 and p.edges + 1 + known.longest > max_depth
+            if not too_long and may_be_cached(known, place):
+                told = interpolated(known.records, place.position, place.shading_normal, ints, keys)
+                if told.weight > 0.0:
+                    decision.action = CACHED
+                    decision.radiance = told.irradiance * INV_PI
+                    decision.grazing = told.grazing
+                    count(notes, INTERPOLATED, 1)
+                else:
+                    count(notes, UNCOVERED, 1)
+        return decision
+
+    return decide
 
 
 @functools.cache

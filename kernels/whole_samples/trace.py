@@ -32,6 +32,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance.record_rays import ArrivedRays, Sites, record_path
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.made_for import made_for
+from wdpm.kernels.maths.sample_numbers import item_of_sample
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH
 from wdpm.kernels.rays.cells import cell_of, cell_on_way, may_meet, next_cell_of
 from wdpm.kernels.rays.triangle import Hit
@@ -45,7 +46,7 @@ from wdpm.kernels.whole_samples.indirect_light import (
     KnownLight,
     Notes,
     count,
-    decide,
+    make_decide,
     make_indirect_light,
 )
 from wdpm.kernels.whole_samples.leaving import (
@@ -190,6 +191,7 @@ def finite_or_spoilt(radiance: wp.vec3, notes: wp.ref[Notes]) -> wp.vec3:
 def make_light_at(features: Features) -> wp.Function:
     """The function `light_at` for a set of features: (scene, known, p, orders, scratch, keys, ints, notes) -> Found."""
     shade = make_shade(features)
+    decide = make_decide(features)
     indirect_light = make_indirect_light(features)
     at_vertex = indirect_light.at_vertex
     caustics = indirect_light.caustics
@@ -215,7 +217,7 @@ def make_light_at(features: Features) -> wp.Function:
         p.action = TRACE_ON
         if wp.static(features.traced):
             if orders.diffuse_light == BY_FINAL_GATHER:
-                decision = decide(scene.surfaces, known, p, orders.max_depth, keys, ints, notes)
+                decision = decide(scene, known, p, orders.max_depth, keys, ints, notes)
                 p.action = decision.action
         shade(scene, p, orders, scratch)
         found.emission = finite_or_spoilt(scratch.seen.emission[0], notes)
@@ -330,7 +332,7 @@ def arrived_ray(
     sample = first_sample + rays.ray[i]
     offset_min = scene.lights.offset_min
     p = record_path(sites, rays.record[i], sample, rays.direction[i], scene.camera.medium, offset_min)
-    p.item = wp.uint32(whole_pixel(scene.camera, p.pixel))
+    p.item = item_of_sample(whole_pixel(scene.camera, p.pixel), p.sample)
     p.t = rays.t[i]
     p.prim = rays.prim[i]
     p.u = rays.u[i]

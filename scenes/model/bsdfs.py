@@ -293,7 +293,16 @@ class Principled(Leaf):
 class Translucent(Leaf):
     """A sheet that light leaves at the other side in all directions alike, from both sides (0.6's `difftrans`)."""
 
-    KIND = LeafKind(8, "translucent", in_order("transmittance"), feature="translucent", spreads=True, transmits=always)
+    KIND = LeafKind(
+        8,
+        "translucent",
+        in_order("transmittance"),
+        feature="translucent",
+        gathers=lambda row: row.may_shine("transmittance"),
+        glossy=False,
+        through=True,
+        transmits=always,
+    )
 
     transmittance: Color = GREY
 

@@ -81,7 +81,8 @@ class LeafKind:
         glossy: whether it has a part that is traced on, not gathered.
         rough: parameters that are roughnesses of microfacets, without which only mirror directions are compiled.
         always_rough: whether it is a surface of microfacets whatever its parameters.
-        spreads: whether what is traced on goes in all directions, without any microfacets.
+        through: whether its diffuse part has its light from behind: photons are stored on both sides of it, and what is
+            seen of it are those of the other side.
         transmits: whether some light gets to the other side.
         straight: whether some light goes straight on there, unscattered.
         tells_tangents: whether its looks depend on the direction in which u runs.
@@ -97,7 +98,7 @@ class LeafKind:
     glossy: bool = True
     rough: tuple[str, ...] = ()
     always_rough: bool = False
-    spreads: bool = False
+    through: bool = False
     transmits: Callable[[Row], bool] = never
     straight: bool = False
     tells_tangents: Callable[[Row], bool] = never
@@ -112,7 +113,7 @@ class LeafKind:
 
     def is_smooth(self, row: Row) -> bool:
         """Whether a leaf's light goes on in single directions, in which shadow rays find no lamp."""
-        return self.glossy and not (self.spreads or self.always_rough or self.is_rough(row))
+        return self.glossy and not (self.always_rough or self.is_rough(row))
 
 
 def in_order(*names: str) -> dict[str, int]:

@@ -114,7 +114,24 @@ GUARDS = (
         file="kernels/photons/paths.py",
         prevents="photons that graze bumps bring light that no path finds",
         changes=(("make_surface(features).surface_of_light", "make_surface(features).surface_at"),),
-        tests=("tests/analytic/test_light_off_bumps.py::test_what_bumps_throw_on_walls_is_what_paths_find",),
+        tests=("tests/analytic/surfaces/test_light_off_bumps.py::test_what_bumps_throw_on_walls_is_what_paths_find",),
+    ),
+    Guard(
+        name="neighbours that know nothing of a stratum's numbers",
+        file="kernels/maths/sample_numbers.py",
+        prevents="a record's bright strata draw fewer further rays than dark ones, which makes it too bright",
+        changes=(
+            ("item = hash_combine(item, wp.uint32(sample) & _BLOCK)", "item = item"),
+            ("number = number >> wp.uint32(2)", "number = number"),
+        ),
+        tests=("tests/analytic/surfaces/test_light_through_sheets.py::test_what_lets_all_light_through_is_not_seen",),
+    ),
+    Guard(
+        name="sheets are lit from their other side",
+        file="kernels/irradiance/lit_places.py",
+        prevents="gather rays and samples read irradiance on the side of a curtain that they see",
+        changes=(("if s.through == 1:", "if s.through == 2:"),),
+        tests=("tests/analytic/surfaces/test_light_through_sheets.py::test_a_curtained_room_is_what_paths_find",),
     ),
     Guard(
         name="collisions away from walls",

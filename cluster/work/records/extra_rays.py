@@ -5,7 +5,7 @@ wrong it is, its own rays tell: a stratum's radiance is that of one ray, and spr
 rays differ from each other. Rays are shared out in proportion to that spread (Neyman 1934), as many as bring the
 record's relative error down to what is asked for. The ray of a stratum itself has no say in how many more it gets: a
 chance hit of a small lamp that draws others, or keeps them away, is diluted more than a chance miss, or less, and the
-mean of all records would be off.
+mean of all records would be off. Nor do their numbers know of each other (kernels.maths.sample_numbers).
 
 What is smaller than a stratum escapes the rays around it as well: the inside of a lamp's cup, a patch of sun far away.
 One record in ten meets it, counts it ten times over, and is a bright blotch among dark ones. Where lights shine first

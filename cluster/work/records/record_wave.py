@@ -12,7 +12,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
-from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.rows import in_order, put_rows, summed, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
@@ -27,6 +26,7 @@ from wdpm.kernels.camera.rays import first_path_cells
 from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
 from wdpm.kernels.irradiance.records import make_strata, record_directions
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.limits import FURTHER_RAYS, RAY_SAMPLES
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +64,13 @@ def first_rays(sites: int, rows: int, columns: int) -> GatherRays:
 
 
 def further_rays(launcher: Launcher, extra: ExtraRays, rows: int, columns: int) -> GatherRays:
-    """As many more as are asked for, those of a record numbered after its first ones, stratum by stratum as those are.
+    """As many more as are asked for, numbered stratum by stratum in the order of a record's first ones.
 
     Args:
         extra: of rows * columns strata.
     """
     first = _numbers(rows, columns)
-    return GatherRays(*numbered(launcher, extra, first.argsort().astype(np.int32), int(first.max()) + 1))
+    return GatherRays(*numbered(launcher, extra, first.argsort().astype(np.int32), FURTHER_RAYS))
 
 
 @functools.cache

@@ -9,7 +9,6 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
-from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.rows import put_rows, take_rows
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
@@ -17,6 +16,7 @@ from wdpm.cluster.work.whole.launches import Counts, TraceLaunches, sum_of
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
 from wdpm.kernels.irradiance.record_rays import ArrivedRays
+from wdpm.kernels.limits import RAY_SAMPLES
 from wdpm.kernels.whole_samples import indirect_light, trace
 
 WHOLE_GRAIN = 256

@@ -15,10 +15,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
-from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.work.whole.launches import Counts, TraceLaunches, sum_of
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
+from wdpm.kernels.limits import RAY_SAMPLES
 from wdpm.kernels.whole_samples import indirect_light, leaving
 
 GRAIN = 256

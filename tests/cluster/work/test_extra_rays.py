@@ -13,6 +13,7 @@ from wdpm.cluster.work.records.extra_rays import GOLDEN, ExtraRays
 from wdpm.cluster.work.records.record_wave import GatherRays, first_rays
 from wdpm.cluster.work.records.record_wave import further_rays as further_rays_of
 from wdpm.kernels.launch import ONE_THREAD
+from wdpm.kernels.limits import FURTHER_RAYS
 
 Values = NDArray[np.float64]
 ROWS, COLUMNS = 8, 25
@@ -276,7 +277,7 @@ def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> Non
     assert first_rays(1, 2, 2).ray.tolist() == [0, 1, 2, 3]
     assert rays.record.tolist() == [0, 0, 0, 0, 2, 2]
     assert rays.stratum.tolist() == [1, 1, 2, 3, 0, 2]
-    assert rays.ray.tolist() == [4, 5, 6, 7, 4, 5]
+    assert (rays.ray - FURTHER_RAYS).tolist() == [0, 1, 2, 3, 0, 1]
     assert rays.turn.tolist() == [1, 2, 1, 1, 1, 1]  # each stratum has had one before
 
 
@@ -287,7 +288,15 @@ def test_no_two_rays_of_a_record_have_one_number(rows: int, columns: int) -> Non
     for record in (0, 1):
         of_first, of_further = first.ray[first.record == record], further.ray[further.record == record]
         assert len(np.unique(of_first)) == rows * columns
-        assert sorted(of_further) == list(range(of_first.max() + 1, of_first.max() + 1 + counts[record].sum()))
+        assert sorted(of_further) == list(range(FURTHER_RAYS, FURTHER_RAYS + counts[record].sum()))
+        assert of_first.max() < FURTHER_RAYS
+
+
+def test_no_stratum_has_the_stream_of_one_beside_it() -> None:
+    """Rays tell how many more their neighbours get, and must not know what these bring."""
+    stream = first_rays(1, 16, 48).ray.reshape(16, 48) % 4
+    for row, column in ((0, 1), (1, 0), (1, 1)):
+        assert (stream[row:, column:] != stream[: 16 - row, : 48 - column]).all()
 
 
 def test_what_lies_together_in_a_hemisphere_has_numbers_that_follow_each_other() -> None:
