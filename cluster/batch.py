@@ -44,7 +44,8 @@ class Kind(Enum):
     VERTEX = "vertex"
     """Camera paths whose hit is final, in the cell that contains the hit point."""
     CANDIDATE = "candidate"
-    """Camera rays through candidates for irradiance records, with the best hit so far."""
+    """Camera rays through candidates for irradiance records, or what they show in mirrors and through glass, with the
+    best hit so far."""
     CANDIDATE_HIT = "candidate_hit"
     """Those rays whose hit is final, in the cell that contains the hit point."""
     SHADOW = "shadow"
@@ -102,8 +103,8 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.SHADE: fields.CAMERA_RAY,
     Kind.PATH: fields.PATH,
     Kind.VERTEX: fields.PATH,
-    Kind.CANDIDATE: fields.CAMERA_RAY,
-    Kind.CANDIDATE_HIT: fields.CAMERA_RAY,
+    Kind.CANDIDATE: fields.PATH,
+    Kind.CANDIDATE_HIT: fields.PATH,
     Kind.SHADOW: fields.SEGMENT,
     Kind.SHADOW_WALK: fields.WALK,
     Kind.SHADOW_WALK_HIT: fields.WALK,

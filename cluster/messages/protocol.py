@@ -21,7 +21,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 36
+PROTOCOL = 37
 
 
 # From a slave to the master.

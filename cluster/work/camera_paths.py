@@ -15,6 +15,7 @@ from wdpm.cluster.rows import any_of, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
+from wdpm.cluster.work.candidates import Candidates
 from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.cluster.work.misses import first_cells, missed_light, no_hits, rest_of, start_paths
 from wdpm.cluster.work.photon_gathers import PhotonGathering
@@ -66,6 +67,7 @@ class CameraPaths:
         self._launches = TraceLaunches(trees, surfaces, store, replica)
         self.whole = WholeSamples(self._launches)
         self.within = WithinCell(cell, self._launches)
+        self.candidates = Candidates(cell, replica, self.final_gather, self._visit, self._lead_on)
         self.vertices = 0
 
     def begin_view(self) -> None:
@@ -141,25 +143,6 @@ class CameraPaths:
         found = np.flatnonzero(rays["prim"] >= 0)
         hits = {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
         yield Batch(Kind.PROBED, self._cell, batch.runs.among(found).with_credit(batch.runs.credit), hits)
-
-    def visit_candidates(self, batch: Batch) -> Iterator[Batch]:
-        """As visit_camera, for rays that look for places of irradiance records. Each carries a credit of one."""
-        rays, onward = self._intersect(batch.arrays)
-        hit = rays["prim"] >= 0
-        for cell, rows in by_destination(onward, onward >= 0):
-            yield Batch(Kind.CANDIDATE, cell, batch.runs.among(rows).with_unit(), take(rays, rows))
-        for cell, rows in by_destination(rays["owner"], (onward < 0) & hit):
-            yield Batch(Kind.CANDIDATE_HIT, cell, batch.runs.among(rows).with_unit(), take(rays, rows))
-        missed = (onward < 0) & ~hit
-        if missed.any():
-            yield Batch(Kind.ENDED, self._cell, batch.runs.without_rows(batch.runs.sums(missed)), {})
-
-    def find_record_sites(self, batch: Batch) -> Iterator[Batch]:
-        """Tell the home where among the final hits of rays through candidates a record is wanted."""
-        rays = columns.upload(Rays, batch.arrays, self._replica.launcher.device)
-        paths = start_paths(self._replica, rays, len(batch))
-        rows, sites = self.final_gather.sites(paths, batch.arrays["slot"])
-        yield Batch(Kind.RECORD_SITES, self._cell, batch.runs.among(rows).with_credit(batch.runs.rows), sites)
 
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
@@ -389,12 +372,15 @@ class CameraPaths:
         lit = {"slot": arrays["slot"][rows], "place": place, "radiance": take_rows(radiance, rows)}
         return Batch(Kind.LIT, self._cell, runs.among(rows), lit)
 
-    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Any:
+    def _shade(
+        self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, does: Actions | None, *, looks: bool = False
+    ) -> Any:
         """Run a kernel that shades vertices; returns kernels.camera.vertices.Shaded.
 
         Args:
             shots: shadow rays of each vertex.
-            actions: of each vertex (kernels.camera.shading); None where the view's diffuse light needs none.
+            does: actions of each vertex (kernels.camera.shading); None where the view's diffuse light needs none.
+            looks: whether rays only look where samples will come to.
         """
         if kernel is None:
             raise ProtocolError("a camera path goes on in a scene where none does")
@@ -411,11 +397,11 @@ class CameraPaths:
         }
         shaded = columns.empty_nested(vertices.Shaded, counts, device)
         if ends:
-            orders = replica.orders(shots, DiffuseLight.PHOTON_MAP, asks=self._asks(actions))
+            orders = replica.orders(shots, DiffuseLight.PHOTON_MAP, asks=self._asks(does))
             replica.launcher(kernel, count, scene=self._scene, rays=rays, orders=orders, shaded_out=shaded)
         else:
-            orders = replica.orders(shots, asks=self._asks(actions))
-            codes = np.zeros(0, np.int32) if actions is None else actions.codes
+            orders = replica.orders(shots, asks=self._asks(does))
+            codes = np.zeros(0, np.int32) if does is None else does.codes
             replica.launcher(
                 kernel,
                 count,
@@ -425,9 +411,19 @@ class CameraPaths:
                 actions=columns.array_over(codes, wp.int32, device),
                 shaded_out=shaded,
             )
-        if replica.observer is not None:
+        if replica.observer is not None and not looks:
             replica.observer.shaded(self._scene, orders, rays, shaded)
         return shaded
+
+    def _lead_on(self, paths: Any, count: int) -> Any:
+        """Where rays that only look go on, by no diffuse part; None where no ray does."""
+        kernel = self._replica.kernels.shade_vertices
+        if kernel is None:
+            return None
+        none, numbers = np.zeros(count, np.bool_), np.zeros(count, np.float32)
+        codes = np.full(count, int(vertices.CACHED), np.int32)
+        actions = Actions(codes, none, none, np.zeros((count, 3), np.float32), numbers, numbers)
+        return self._shade(kernel, paths, count, int(vertices.SHOTS_LATER), actions, looks=True).paths
 
     def _asks(self, actions: Actions | None) -> bool:
         """Whether photons may be asked for at some of the vertices: as _indirect and the caustics do."""

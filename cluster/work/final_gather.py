@@ -250,26 +250,40 @@ class FinalGather:
         longer: NDArray[np.bool_] = edges + (onward + self._replica.world.irradiance.longest) > most
         return longer
 
-    def sites(self, paths: Any, slot: NDArray[np.int32]) -> tuple[NDArray[np.intp], Arrays]:
-        """The final hits where a record is wanted: which, and what kernels.ray_fields.SITE says of them.
+    def sites(self, paths: Any, slot: NDArray[np.int32]) -> tuple[NDArray[np.intp], Arrays, NDArray[np.bool_]]:
+        """The final hits where a record is wanted.
 
         Args:
             paths: rays through candidates, as kernels.camera.paths.Paths.
+
+        Returns:
+            which, what kernels.ray_fields.SITE says of them, and where records may serve at all, shape [N].
         """
         places = self._places(paths, len(slot))
-        rows = np.flatnonzero(self._cacheable(places))
+        serve = self._cacheable(places)
+        if self._replica.world.features.media:  # gather rays of records set out in the camera's medium
+            serve &= columns.column(paths, "medium") == self._replica.camera.medium
+        rows = np.flatnonzero(serve)
         if self._replica.cache is not None and len(rows):
             weight = self._from_cache(places, rows)["weight"]
             rows = rows[weight < np.float32(self._view.cache.wanted)]
-        pixel = np.float32(self._replica.pixel_width)
-        across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else columns.column(paths, "t")[rows]
-        return rows, {
-            "slot": slot[rows],
-            "position": columns.column(places, "position")[rows],
-            "normal": columns.column(places, "normal")[rows],
-            "shading_normal": columns.column(places, "shading_normal")[rows],
-            "footprint": pixel * across,
-        }
+        pixel, position = np.float32(self._replica.pixel_width), columns.column(places, "position")[rows]
+        across = np.ones(len(rows), np.float32)
+        if not self._view.camera.orthographic:
+            x, y, z = (position - np.array(self._replica.camera.eye, np.float32)).T
+            beyond = columns.column(paths, "bounce")[rows] > 0  # in a mirror at least as far as it is straight
+            across = np.where(beyond, np.sqrt(x * x + y * y + z * z), columns.column(paths, "t")[rows])
+        return (
+            rows,
+            {
+                "slot": slot[rows],
+                "position": position,
+                "normal": columns.column(places, "normal")[rows],
+                "shading_normal": columns.column(places, "shading_normal")[rows],
+                "footprint": pixel * across,
+            },
+            serve,
+        )
 
     def _read(
         self, places: Any, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions

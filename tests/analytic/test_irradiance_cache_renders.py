@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from furnaces import Array, rendered, view
+from furnaces import Array, quad, rendered, view
 from path_traced import furnace
 
 from wdpm.cluster.plan.view import CACHE_PLAN
@@ -17,8 +17,9 @@ from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.scenes import cornell_box
 from wdpm.scenes.meshes.primitives import sphere
-from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, ThinDielectric
 from wdpm.scenes.model.scene import Material, Mesh, Scene
+from wdpm.scenes.model.transforms import look_at
 
 SIDE = 48
 CHOSEN = {"indirect": Indirect.CACHE, "all_effects": True, "photons": 60_000, "spp": 16}
@@ -112,6 +113,39 @@ def test_what_a_mirror_shows_has_light_of_records_too() -> None:
         return np.asarray(image.layers["indirect"].mean(axis=(0, 1), dtype=np.float64))
 
     np.testing.assert_allclose(lit(Indirect.CACHE), lit(Indirect.GATHER), rtol=0.05)
+
+
+PANE, MIRROR = ThinDielectric(), Conductor()
+
+
+@pytest.mark.parametrize("shows", [PANE, MIRROR], ids=["pane", "mirror"])
+def test_records_lie_behind_panes_and_in_mirrors(shows: Bsdf) -> None:
+    """A room that is seen through a pane, or in a mirror alone, has hardly more grain than one that is simply seen."""
+    bare, through = (grain(what) for what in (cornell_box((SIDE, SIDE)), seen_by(shows)))
+    assert through < 1.6 * bare  # without records there, four or five times as much
+
+
+def grain(what: Scene) -> float:
+    """Of indirect light: the median, over parts of the picture, of what neighbours differ by, as a share of them."""
+    light = rendered(what, **CHOSEN).layers["indirect"].astype(np.float64).sum(axis=2)
+    means = light.reshape(SIDE // BLOCK, BLOCK, SIDE // BLOCK, BLOCK).mean(axis=(1, 3))
+    steps = np.diff(light, 2, axis=1)[:, : SIDE // BLOCK * BLOCK - BLOCK]
+    rough = (steps**2).reshape(SIDE // BLOCK, BLOCK, -1, BLOCK).mean(axis=(1, 3))
+    return float(np.median(np.sqrt(rough) / means[:, : rough.shape[1]]))
+
+
+def seen_by(shows: Bsdf) -> Scene:
+    """The Cornell box through a pane, or in a mirror before which the camera is turned away from it."""
+    what = cornell_box((SIDE, SIDE))
+    screen = quad((-300.0, -300.0, -900.0), (1100.0, 0.0, 0.0), (0.0, 1100.0, 0.0), len(what.materials))
+    camera = what.camera
+    if shows is PANE:
+        screen = replace(screen, vertices=screen.vertices + np.array([0.0, 0.0, 500.0]))
+    else:
+        turned = look_at((278.0, 273.0, -700.0), (278.0, 273.0, -900.0), (0.0, 1.0, 0.0))
+        camera = replace(camera, to_world=turned, fov_x=28.0)  # from the mirror's other side the box is 1100 away
+    materials = (*what.materials, Material("screen", shows))
+    return replace(what, meshes=(*what.meshes, screen), materials=materials, camera=camera)
 
 
 def mirrored() -> Scene:

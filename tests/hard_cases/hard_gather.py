@@ -187,11 +187,11 @@ def inside_glass(run: Run, way: Indirect) -> None:
     run.check_share("radiance", image.pixels.mean(dtype=np.float64), traced(run, what).pixels.mean(), 0.05)
 
 
-def only_a_mirror(run: Run) -> None:
+def only_rough_metal(run: Run) -> None:
     """No place for a record is seen: every pixel gathers for itself, with the bits of the gather."""
-    mirror = quad((-0.9, -0.9, 0.5), (0, 1.8, 0), (1.8, 0, 0), 1)
+    metal = quad((-0.9, -0.9, 0.5), (0, 1.8, 0), (1.8, 0, 0), 1)
     what = replace(
-        lit_room(extra=[mirror], materials=[Material("mirror", TwoSided(Conductor()))]),
+        lit_room(extra=[metal], materials=[Material("metal", TwoSided(Conductor(alpha_u=0.1, alpha_v=0.1)))]),
         camera=view((0, 0, 0), (0, 0, 1), 60, 8),
     )
     one, other = (gathered(run, what, way) for way in WAYS)
@@ -341,12 +341,12 @@ def _of_few_records() -> Iterator[HardCase]:
         measure=few_strata,
     )
     yield HardCase(
-        name="irradiance cache: only a mirror in view",
+        name="irradiance cache: only rough metal in view",
         section=5,
         shows="no place for a record is seen",
         expected="the bits of final gathering",
         tolerance="none",
-        measure=only_a_mirror,
+        measure=only_rough_metal,
     )
 
 

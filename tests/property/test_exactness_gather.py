@@ -127,8 +127,8 @@ def test_light_is_found_by_it(name: str, way: Indirect) -> None:
     assert not np.array_equal(image.layers["indirect"], by_map.layers["indirect"])
     np.testing.assert_array_equal(image.layers["depth"], by_map.layers["depth"])
     if way is Indirect.CACHE:
-        # Behind a window there are no sites: nothing is interpolated.
-        assert same_bits(image, reference(name, Indirect.GATHER)) == (name == "panes")
+        # There are records behind a window, too: something is interpolated everywhere.
+        assert not same_bits(image, reference(name, Indirect.GATHER))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at, joined
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.work.cell import Cell
-from wdpm.cluster.work.misses import first_cells, no_hits
+from wdpm.cluster.work.misses import first_cells, no_hits, start_paths
 from wdpm.cluster.work.records.extra_rays import (
     GRAIN,
     ExtraRays,
@@ -95,9 +95,10 @@ class RecordHome:
         }
         rays = columns.upload(Rays, arrays, replica.launcher.device)
         destination = first_cells(replica, rays, count)
+        paths = columns.download(start_paths(replica, rays, count), SCHEMAS[Kind.CANDIDATE])
         self._credit = count
         for cell, rows in by_destination(destination, destination >= 0):
-            yield self._batch(Kind.CANDIDATE, cell, len(rows), take(arrays, rows))
+            yield self._batch(Kind.CANDIDATE, cell, len(rows), take(paths, rows))
         if not self._credit:
             self._end_search()
 
