@@ -67,7 +67,7 @@ class CameraPaths:
         self._launches = TraceLaunches(trees, surfaces, store, replica)
         self.whole = WholeSamples(self._launches)
         self.within = WithinCell(cell, self._launches)
-        self.candidates = Candidates(cell, replica, self.final_gather, self._visit, self._lead_on)
+        self._candidates = Candidates(cell, replica, self.final_gather)
         self.vertices = 0
 
     def begin_view(self) -> None:
@@ -143,6 +143,10 @@ class CameraPaths:
         found = np.flatnonzero(rays["prim"] >= 0)
         hits = {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
         yield Batch(Kind.PROBED, self._cell, batch.runs.among(found).with_credit(batch.runs.credit), hits)
+
+    def take_candidates(self, batch: Batch) -> Iterator[Batch]:
+        """Take rays that look for places of irradiance records further."""
+        return self._candidates.take(batch, self._visit, self._lead_on)
 
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
