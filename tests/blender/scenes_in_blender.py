@@ -424,6 +424,26 @@ def cut_out() -> None:
 
 
 @scene
+def curtains() -> None:
+    """A sheet before the sun that is all cloth, and one that is half diffuse, above a floor that they light."""
+    empty()
+    stage()
+    cloth = material("ShaderNodeBsdfTranslucent", Color=BROWN)
+    plane(1.2, cloth, (-0.8, 0.3, 0.6), (math.radians(60), 0, 0))
+    paper = material(Color=BROWN)
+    tree = paper.node_tree
+    mix, through = (tree.nodes.new(f"ShaderNode{name}") for name in ("MixShader", "BsdfTranslucent"))
+    mix.inputs[0].default_value, through.inputs["Color"].default_value = 0.6, (0.7, 0.7, 0.3, 1)
+    tree.links.new(shader_of(paper).outputs[0], mix.inputs[1])
+    tree.links.new(through.outputs[0], mix.inputs[2])
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    plane(1.2, paper, (0.8, 0.3, 0.6), (math.radians(60), 0, 0))
+    lamp("SUN", rotation=(-0.6, 0, 0), energy=3)
+    world((0.2, 0.3, 0.4, 1))
+
+
+@scene
 def diffuse_under_gloss() -> None:
     empty()
     camera((0, -3, 0), (math.radians(90), 0, 0))

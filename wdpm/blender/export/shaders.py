@@ -26,6 +26,7 @@ from wdpm.scenes.model.bsdfs import (
     NormalMap,
     Null,
     Plastic,
+    Translucent,
     TwoSided,
     transmits,
 )
@@ -179,7 +180,12 @@ def _transparent(shaders: Shaders, node: Output) -> Look:
     return Look(Null())
 
 
-@_reads("ShaderNodeBsdfTranslucent", "ShaderNodeSubsurfaceScattering", "ShaderNodeBsdfToon", "ShaderNodeBsdfSheen")
+@_reads("ShaderNodeBsdfTranslucent")
+def _translucent(shaders: Shaders, node: Output) -> Look:
+    return Look(shaders.bent(Translucent(shaders.color(node)), node))
+
+
+@_reads("ShaderNodeSubsurfaceScattering", "ShaderNodeBsdfToon", "ShaderNodeBsdfSheen")
 def _like_diffuse(shaders: Shaders, node: Output) -> Look:
     shaders.values.note(f"{node.label} is not supported: a diffuse surface of its colour stands for it")
     return Look(shaders.bent(Diffuse(shaders.color(node)), node))
