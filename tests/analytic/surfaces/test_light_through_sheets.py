@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from furnace_cases import SKY
-from furnaces import quad, rendered, scene, view
+from furnaces import box, quad, rendered, scene, view
 from path_traced import assert_alike, over_seeds
 
 from wdpm.cluster.render_settings import Indirect, Integrator
@@ -48,12 +48,7 @@ def curtained(sheet: Bsdf) -> Scene:
     """A box, a lamp in its far third, and a sheet before that, which leaves a gap above the floor."""
     uv = np.array([[0, 0], [3, 0], [3, 3], [0, 3]], np.float32)
     walls = [
-        quad((-1, -1, -1), (0, 0, 2), (2, 0, 0)),
-        quad((-1, 1, -1), (2, 0, 0), (0, 0, 2)),
-        quad((-1, -1, -1), (0, 2, 0), (0, 0, 2)),
-        quad((1, -1, -1), (0, 0, 2), (0, 2, 0)),
-        quad((-1, -1, -1), (2, 0, 0), (0, 2, 0)),
-        quad((-1, -1, 1), (0, 2, 0), (2, 0, 0)),
+        box((1, 1, 1), inside=True),
         replace(quad((-1, -0.9, 0.3), (2, 0, 0), (0, 1.9, 0), 1), uvs=uv),
         quad((-0.4, -0.3, 0.98), (0, 0.6, 0), (0.8, 0, 0), 2, (9.0, 9.0, 9.0)),
     ]
